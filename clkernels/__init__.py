@@ -1,0 +1,1 @@
+"""The OpenCL C sources of lightdome; this file makes them part of the package."""

@@ -1,0 +1,3 @@
+"""lightdome: image-based lighting with OpenCL."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,100 @@
+"""What every script shares: argument types, output folders, and errors in one line.
+
+A script parses its arguments, calls the library and says what it wrote. Its ``main`` runs
+under :func:`run`, which turns a user's mistake into one line and exit status 1; argparse
+itself exits with 2 on a wrong command line. Defects of lightdome keep their traceback.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import NoReturn
+
+from .errors import LightdomeError
+
+
+def run(main: Callable[[], None]) -> NoReturn:
+    """Run ``main`` and exit: 0 on success, 1 with one line on a user's mistake, 130 on Ctrl-C."""
+    name = Path(sys.argv[0]).stem
+    try:
+        main()
+        sys.stdout.flush()
+    except LightdomeError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        sys.exit(1)
+    except KeyboardInterrupt:
+        print(f"\n{name}: interrupted", file=sys.stderr)
+        sys.exit(130)
+    except BrokenPipeError:
+        # The reader of our output went away (`| head`): stop quietly, also at interpreter exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+    sys.exit(0)
+
+
+def parser(description: str, example: str, out: str) -> argparse.ArgumentParser:
+    """An argument parser with the look that all scripts share and the option ``--out``."""
+    result = argparse.ArgumentParser(
+        description=description,
+        epilog=f"example: {example}",
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    result.add_argument("--out", type=Path, default=Path(out), metavar="DIR", help="folder to write into")
+    return result
+
+
+def output_folder(path: Path) -> Path:
+    """Create the folder ``path`` and make sure that files can be written there.
+
+    Raises :class:`LightdomeError` where they cannot.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path):
+            pass
+    except OSError as error:
+        raise LightdomeError(
+            f"cannot write into the folder {path}: {error.strerror}; choose another with --out"
+        ) from error
+    return path
+
+
+def _number(convert: type, text: str, accept: Callable[[float], bool], wanted: str) -> float:
+    try:
+        value = convert(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not {wanted}") from None
+    if not (math.isfinite(value) and accept(value)):
+        raise argparse.ArgumentTypeError(f"{text} is not {wanted}")
+    return value
+
+
+def positive_int(text: str) -> int:
+    """Argument type: a whole number, 1 to 2^31 - 1."""
+    return int(_number(int, text, lambda v: 1 <= v < 2**31, "a whole number from 1 to 2147483647"))
+
+
+def seed(text: str) -> int:
+    """Argument type: a whole number, 0 to 2^64 - 1."""
+    return int(_number(int, text, lambda v: 0 <= v < 2**64, "a whole number from 0 to 2^64 - 1"))
+
+
+def positive_float(text: str) -> float:
+    """Argument type: a finite number above 0."""
+    return float(_number(float, text, lambda v: v > 0, "a finite number above 0"))
+
+
+def non_negative_float(text: str) -> float:
+    """Argument type: a finite number, 0 or above."""
+    return float(_number(float, text, lambda v: v >= 0, "a finite number, 0 or above"))
+
+
+def exposure(text: str) -> float | None:
+    """Argument type: ``auto`` (None) or a factor above 0 that radiance is multiplied by."""
+    return None if text == "auto" else positive_float(text)
