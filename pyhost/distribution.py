@@ -1,0 +1,183 @@
+"""The distribution of light over an environment map, and samples drawn from it.
+
+Luminance is I = (R + G + B) / 3; a pixel is drawn with probability p(x, y) = p(y) p(x | y)
+proportional to I sin(theta), the light that comes from it. Kernels: ``row_cdf.cl``,
+``marginal_cdf.cl``, ``sample.cl``. Source: Pharr, Jakob, Humphreys, Physically Based Rendering,
+4th ed., A.4, A.5 and 12.5.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import __version__, buffers
+from .buffers import DeviceArray
+from .device import Device
+from .envmap import EnvironmentMap, column_angles, row_angles, solid_angles
+from .errors import LightdomeError
+from .samples import SEQUENCES, Samples
+
+BLACK = "the map is black everywhere, so there is no light to sample; use another map"
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """p(x, y) of one map on one device; build with :func:`build_distribution`.
+
+    ``total`` is the sum over the map of ``scale`` (R + G + B) sin(theta), float64.
+    """
+
+    device: Device
+    envmap: EnvironmentMap
+    radiance: DeviceArray  # (H, W, 3) float32
+    row_cdf: DeviceArray  # (H, W) uint32, see clkernels/prefix_sum.clh
+    marginal_cdf: DeviceArray  # (H,) uint32
+    theta: DeviceArray  # (H, 2) float32: sin, cos
+    phi: DeviceArray  # (W, 2) float32: sin, cos
+    scale: float
+    total: float
+
+    @property
+    def flux(self) -> float:
+        """Phi, the integral of I over the sphere of directions: radiance x steradian."""
+        height, width = self.envmap.height, self.envmap.width
+        per_sine = solid_angles(height, width)[0] / np.sin(row_angles(height)[0])
+        return self.total / self.scale / 3 * per_sine
+
+    def sample(self, count: int, seed: int = 0, sequence: str = "independent") -> Samples:
+        """Draw ``count`` samples. The same ``seed`` gives the same samples on every device.
+
+        Raises :class:`LightdomeError` if the map is black or ``count`` is not positive.
+        """
+        if sequence not in SEQUENCES:
+            raise LightdomeError(f"unknown sequence {sequence!r}; there is {', '.join(SEQUENCES)}")
+        if not 0 < count < 2**31:
+            raise LightdomeError(f"cannot draw {count} samples; ask for 1 to 2147483647")
+        return self._sample(count, philox_key(seed), {f"SEQUENCE_{sequence.upper()}": 1}, sequence, seed)
+
+    def sample_at(self, points: np.ndarray) -> Samples:
+        """The samples at given ``points``, (N, 2) in [0, 1): column 0 picks x within a row, column 1 picks y.
+
+        Points are used to 32 bits. Raises :class:`LightdomeError` for points outside [0, 1).
+        """
+        points = np.asarray(points, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 2 or len(points) == 0:
+            raise LightdomeError(f"points have shape (N, 2), not {points.shape}")
+        if not ((points >= 0) & (points < 1)).all():
+            raise LightdomeError("points lie in [0, 1)")
+        bits = np.floor(points * 2.0**32).astype(np.uint32)
+        return self._sample(
+            len(bits), buffers.upload(self.device, bits).buffer, {"SEQUENCE_GIVEN": 1}, "given", 0
+        )
+
+    def _sample(
+        self, count: int, points: object, defines: dict[str, int], sequence: str, seed: int
+    ) -> Samples:
+        if self.total == 0:
+            raise LightdomeError(BLACK)
+        device = self.device
+        pixel = buffers.empty(device, (count, 2), np.int32)
+        probability = buffers.empty(device, count, np.float32)
+        direction = buffers.empty(device, (count, 3), np.float32)
+        radiance = buffers.empty(device, (count, 3), np.float32)
+        event = device.kernel("sample", **defines)(
+            device.queue,
+            (count,),
+            None,
+            self.row_cdf.buffer,
+            self.marginal_cdf.buffer,
+            self.radiance.buffer,
+            self.theta.buffer,
+            self.phi.buffer,
+            np.uint32(self.envmap.width),
+            np.uint32(self.envmap.height),
+            np.float32(self.scale),
+            np.float32(1 / self.total),
+            points,
+            pixel.buffer,
+            probability.buffer,
+            direction.buffer,
+            radiance.buffer,
+        )
+        device.profile.record("search", event)
+        return Samples(
+            direction=buffers.download(device, direction),
+            radiance=buffers.download(device, radiance),
+            probability=buffers.download(device, probability),
+            pixel=buffers.download(device, pixel),
+            map_shape=(self.envmap.height, self.envmap.width),
+            sequence=sequence,
+            seed=seed,
+            version=__version__,
+        )
+
+
+def philox_key(seed: int) -> np.ndarray:
+    """A seed of 64 bits as the two words of a Philox key (an OpenCL ``uint2``)."""
+    if not 0 <= seed < 2**64:
+        raise LightdomeError(f"a seed is a whole number from 0 to 2^64 - 1, not {seed}")
+    return np.array([seed & 0xFFFFFFFF, seed >> 32], dtype=np.uint32)
+
+
+def build_distribution(device: Device, envmap: EnvironmentMap) -> Distribution:
+    """Build the CDF of every row and the CDF over rows of ``envmap`` on ``device``."""
+    height, width = envmap.height, envmap.width
+    radiance = buffers.upload(device, envmap.radiance)
+    theta = buffers.upload(device, _sine_cosine(row_angles(height)))
+    phi = buffers.upload(device, _sine_cosine(column_angles(width)))
+    sin_theta = buffers.upload(device, np.sin(row_angles(height)).astype(np.float32))
+    row_cdf = buffers.empty(device, (height, width), np.uint32)
+    row_sum = buffers.empty(device, (height, 2), np.float32)
+    marginal_cdf = buffers.empty(device, height, np.uint32)
+    total = buffers.empty(device, 2, np.float32)
+    scale = _range_scale(envmap.peak)
+
+    event = device.kernel("row_cdf")(
+        device.queue,
+        (height,),
+        (1,),
+        radiance.buffer,
+        np.uint32(width),
+        np.float32(scale),
+        row_cdf.buffer,
+        row_sum.buffer,
+    )
+    device.profile.record("row cdf", event)
+    event = device.kernel("marginal_cdf")(
+        device.queue,
+        (1,),
+        (1,),
+        row_sum.buffer,
+        sin_theta.buffer,
+        np.uint32(height),
+        marginal_cdf.buffer,
+        total.buffer,
+    )
+    device.profile.record("marginal cdf", event)
+    return Distribution(
+        device=device,
+        envmap=envmap,
+        radiance=radiance,
+        row_cdf=row_cdf,
+        marginal_cdf=marginal_cdf,
+        theta=theta,
+        phi=phi,
+        scale=scale,
+        total=float(buffers.download(device, total).astype(np.float64).sum()),
+    )
+
+
+def _sine_cosine(angle: np.ndarray) -> np.ndarray:
+    # Tables from the host: sin and cos differ between devices in the last digits, and samples may not.
+    return np.stack([np.sin(angle), np.cos(angle)], axis=1).astype(np.float32)
+
+
+def _range_scale(peak: float) -> float:
+    """A power of two that brings a map's peak to where no sum over a map can leave float32's range."""
+    if peak == 0 or 2.0**-60 <= peak <= 2.0**60:
+        return 1.0
+    exponent = min(127, -math.frexp(peak)[1])
+    return 2.0**exponent

@@ -1,0 +1,108 @@
+"""A latitude-longitude environment map, checked, and the geometry of its pixels.
+
+Row 0 is the top. Pixel centres lie at theta = pi (y + 1/2) / H and phi = 2 pi (x + 1/2) / W; their
+directions are (sin theta cos phi, cos theta, sin theta sin phi), so +y is up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .errors import LightdomeError
+from .images import read_image
+
+
+def row_angles(height: int) -> np.ndarray:
+    """Polar angles theta of the rows' centres, (height,) float64, radians."""
+    return np.pi * (np.arange(height) + 0.5) / height
+
+
+def column_angles(width: int) -> np.ndarray:
+    """Azimuths phi of the columns' centres, (width,) float64, radians."""
+    return 2 * np.pi * (np.arange(width) + 0.5) / width
+
+
+def solid_angles(height: int, width: int) -> np.ndarray:
+    """Solid angle of one pixel of each row, (height,) float64, steradians; over the map they sum to 4 pi.
+
+    The integral of sin(theta) over the row is 2 sin(pi / 2H) sin(theta), exactly proportional to
+    sin(theta) at the centre.
+    """
+    return 2 * np.pi / width * 2 * np.sin(np.pi / (2 * height)) * np.sin(row_angles(height))
+
+
+@dataclass(frozen=True)
+class EnvironmentMap:
+    """Radiance by direction: ``radiance`` is (H, W, 3) float32, finite, and 0 or above.
+
+    ``EnvironmentMap(radiance)`` checks what it is given and raises :class:`LightdomeError` that
+    counts the bad pixels and names the first; with ``sanitize`` they become 0 instead.
+    """
+
+    radiance: np.ndarray
+    peak: float
+
+    def __init__(self, radiance: np.ndarray, *, sanitize: bool = False, name: str = "the map") -> None:
+        radiance = np.ascontiguousarray(radiance, dtype=np.float32)
+        if radiance.ndim != 3 or radiance.shape[2] != 3 or 0 in radiance.shape:
+            raise LightdomeError(f"{name}: an environment map has shape (H, W, 3), not {radiance.shape}")
+        # A NaN makes both extremes NaN, so two passes without temporaries see every bad value.
+        lowest, peak = float(radiance.min()), float(radiance.max())
+        if not (lowest >= 0 and peak < np.inf):
+            bad = ~((radiance >= 0) & np.isfinite(radiance))
+            if not sanitize:
+                raise LightdomeError(_complaint(radiance, bad, name))
+            radiance = np.where(bad, np.float32(0), radiance)
+            peak = float(radiance.max())
+        object.__setattr__(self, "radiance", radiance)
+        object.__setattr__(self, "peak", peak)
+
+    @classmethod
+    def read(cls, path: str | Path, *, sanitize: bool = False) -> EnvironmentMap:
+        """Read a PFM, EXR or Radiance HDR file.
+
+        Raises :class:`LightdomeError` where the file cannot be read or holds bad pixels.
+        """
+        return cls(read_image(path), sanitize=sanitize, name=str(path))
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+        return self.radiance.shape[0]
+
+    @property
+    def width(self) -> int:
+        """Columns."""
+        return self.radiance.shape[1]
+
+    @property
+    def shape_note(self) -> str | None:
+        """A remark on a map that is not twice as wide as high, which is allowed; else None."""
+        if self.width == 2 * self.height:
+            return None
+        return (
+            f"note: the map is {self.width} x {self.height}, not 2:1; it is stretched over the whole sphere of"
+            " directions"
+        )
+
+
+def _complaint(radiance: np.ndarray, bad: np.ndarray, name: str) -> str:
+    pixels = bad.any(axis=2)
+    y, x = (int(i) for i in np.argwhere(pixels)[0])
+    kinds = [
+        f"{count} {kind}"
+        for kind, count in (
+            ("NaN", int(np.isnan(radiance).any(axis=2).sum())),
+            ("infinite", int(np.isinf(radiance).any(axis=2).sum())),
+            ("negative", int(((radiance < 0) & np.isfinite(radiance)).any(axis=2).sum())),
+        )
+        if count
+    ]
+    r, g, b = radiance[y, x]
+    return (
+        f"{name}: {int(pixels.sum())} bad pixels ({', '.join(kinds)}), the first at x = {x}, y = {y}:"
+        f" ({r:g}, {g:g}, {b:g}); mend the map, or replace them by black with --sanitize"
+    )

@@ -1,0 +1,132 @@
+"""Read and write images with OpenImageIO; tone-map radiance for the eye.
+
+Arrays are (H, W, 3) with row 0 at the top, whatever the file's own order of rows. OpenImageIO's PNM
+plug-in needs a hint on both ways to keep it so: it reads PFM bottom up unless ``pnm:pfmflip`` is 1, and
+writes PPM bottom up unless it is 0.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+
+from .errors import LightdomeError
+from .files import replacing
+
+READABLE = (".pfm", ".exr", ".hdr")
+MAX_PIXELS = 2**30
+# No honest file of these formats packs its pixels tighter; a header that claims more is a lie,
+# and believing it would cost the memory that it claims.
+MAX_COMPRESSION = 4096
+
+
+def read_image(path: str | Path) -> np.ndarray:
+    """The radiance in a PFM, EXR or Radiance HDR file: (H, W, 3) float32, row 0 at the top.
+
+    A single channel is read as grey; of more than three, R, G and B (else the first three) are read.
+    Raises :class:`LightdomeError` for a file that is missing, truncated, damaged or of another kind.
+    """
+    path = Path(path)
+    try:
+        size = path.stat().st_size
+        if path.is_dir():
+            raise LightdomeError(f"{path} is a folder, not an image")
+        with path.open("rb"):
+            pass
+    except OSError as error:
+        raise LightdomeError(f"cannot read {path}: {error.strerror}") from error
+    if path.suffix.lower() not in READABLE:
+        raise LightdomeError(f"{path}: not a map that lightdome reads; give a .pfm, .exr or .hdr file")
+
+    config = oiio.ImageSpec()
+    config.attribute("pnm:pfmflip", 1)
+    file = oiio.ImageInput.open(str(path), config)
+    if file is None:
+        raise LightdomeError(f"{path} is no image that OpenImageIO can read: {_first_line(oiio.geterror())}")
+    try:
+        spec = file.spec()
+        _check_size(path, size, spec)
+        pixels = file.read_image(oiio.FLOAT)
+        if pixels is None:
+            raise LightdomeError(f"{path} is damaged or truncated: {_first_line(file.geterror())}")
+        names = [name.upper() for name in spec.channelnames]
+    finally:
+        file.close()
+    pixels = pixels.reshape(spec.height, spec.width, spec.nchannels)
+    if spec.nchannels < 3:
+        wanted = [0, 0, 0]
+    elif {"R", "G", "B"} <= set(names):
+        wanted = [names.index(c) for c in "RGB"]
+    else:
+        wanted = [0, 1, 2]
+    if wanted != list(range(spec.nchannels)):
+        pixels = pixels[..., wanted]
+    return np.ascontiguousarray(_upright(pixels, spec.get_int_attribute("Orientation", 1)))
+
+
+def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
+    """Undo a file's ``Orientation`` (as in EXIF), which Radiance HDR keeps as +Y, -X or swapped axes."""
+    if orientation >= 5:
+        pixels = pixels.swapaxes(0, 1)
+        orientation = {5: 1, 6: 2, 7: 3, 8: 4}.get(orientation, 1)
+    rows = slice(None, None, -1) if orientation in (3, 4) else slice(None)
+    columns = slice(None, None, -1) if orientation in (2, 3) else slice(None)
+    return pixels[rows, columns]
+
+
+def _check_size(path: Path, file_bytes: int, spec: oiio.ImageSpec) -> None:
+    width, height, channels = spec.width, spec.height, spec.nchannels
+    if min(width, height, channels) < 1 or spec.depth > 1 or width * height > MAX_PIXELS:
+        raise LightdomeError(f"{path}: cannot use an image of {width} x {height} pixels, {channels} channels")
+    if (spec.x, spec.y, width, height) != (spec.full_x, spec.full_y, spec.full_width, spec.full_height):
+        raise LightdomeError(
+            f"{path}: its data window is not its display window, so it is no whole environment map; save it uncropped"
+        )
+    if width * height * channels > MAX_COMPRESSION * file_bytes:
+        raise LightdomeError(
+            f"{path} is damaged: it claims {width} x {height} pixels but has only {file_bytes} bytes"
+        )
+
+
+def _first_line(message: str) -> str:
+    return message.strip().splitlines()[0] if message.strip() else "no reason given"
+
+
+def auto_exposure(radiance: np.ndarray) -> float:
+    """The factor that brings the 99th percentile of the pixels' largest channel to 1.
+
+    Black pixels do not count: a sphere's background must not change its exposure. 1 for a black image.
+    """
+    brightest = radiance.max(axis=-1)
+    lit = brightest[brightest > 0]
+    level = float(np.percentile(lit, 99)) if lit.size else 1.0
+    return min(1.0 / level, 3e38) if level > 0 else 1.0
+
+
+def tone_map(radiance: np.ndarray, exposure: float, gamma: float = 2.2) -> np.ndarray:
+    """8-bit values round(255 (exposure L)^(1/gamma)), clipped; the shape of ``radiance``, uint8."""
+    scaled = np.clip(radiance.astype(np.float64) * exposure, 0.0, 1.0)
+    return np.rint(255.0 * scaled ** (1.0 / gamma)).astype(np.uint8)
+
+
+def write_image(path: str | Path, pixels: np.ndarray) -> None:
+    """Write (H, W, 3) pixels, row 0 at the top: float32 as .pfm or .exr, uint8 as .ppm or .png.
+
+    The file appears only when it is complete. Raises :class:`LightdomeError` where it cannot be written.
+    """
+    path = Path(path)
+    height, width, channels = pixels.shape
+    spec = oiio.ImageSpec(width, height, channels, oiio.UINT8 if pixels.dtype == np.uint8 else oiio.FLOAT)
+    if path.suffix == ".ppm":
+        spec.attribute("pnm:pfmflip", 0)
+        spec.attribute("pnm:binary", 1)
+    with replacing(path) as temporary:
+        file = oiio.ImageOutput.create(str(temporary))
+        if file is None:
+            raise LightdomeError(f"cannot write {path}: {_first_line(oiio.geterror())}")
+        done = file.open(str(temporary), spec) and file.write_image(np.ascontiguousarray(pixels))
+        done = file.close() and done
+        if not done:
+            raise LightdomeError(f"cannot write {path}: {_first_line(file.geterror())}")

@@ -1,0 +1,167 @@
+"""A set of directions drawn from an environment map: the interface between sampling and shading."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from . import __version__
+from .envmap import column_angles, row_angles, solid_angles
+from .errors import LightdomeError
+from .files import replacing
+
+MAX_SAMPLES = 2**27  # what a file may hold; 44 bytes each
+SEQUENCES = ("independent",)
+
+
+@dataclass(frozen=True)
+class Samples:
+    """N samples of an environment map of ``map_shape`` = (H, W).
+
+    ``direction``    (N, 3) float32, unit vectors towards the light
+    ``radiance``     (N, 3) float32, of the chosen pixels
+    ``probability``  (N,) float32, the discrete p(x, y) of the chosen pixels
+    ``pixel``        (N, 2) int32, (x, y)
+    ``sequence``, ``seed``, ``version``  what drew them; the same three draw them again
+    """
+
+    direction: np.ndarray
+    radiance: np.ndarray
+    probability: np.ndarray
+    pixel: np.ndarray
+    map_shape: tuple[int, int]
+    sequence: str = "independent"
+    seed: int = 0
+    version: str = __version__
+
+    def __len__(self) -> int:
+        return len(self.probability)
+
+    @property
+    def density(self) -> np.ndarray:
+        """The density per solid angle, p(x, y) / solid angle of the pixel: (N,) float64, 1 / steradian."""
+        return self.probability.astype(np.float64) / solid_angles(*self.map_shape)[self.pixel[:, 1]]
+
+    @property
+    def flux(self) -> np.ndarray:
+        """What each sample stands for, radiance / (N density): (N, 3) float64, radiance x steradian.
+
+        The irradiance of a surface with normal n is the sum of flux max(0, n . direction).
+        """
+        return self.radiance / (len(self) * self.density[:, None])
+
+    def save(self, path: str | Path) -> None:
+        """Write the samples as ``.npz``; the file appears only when it is complete."""
+        arrays = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
+        arrays["map_shape"] = np.asarray(self.map_shape, dtype=np.int32)
+        arrays["seed"] = np.asarray(self.seed, dtype=np.uint64)
+        with replacing(path) as temporary:
+            np.savez(temporary, **arrays)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Samples:
+        """Read samples that :meth:`save` wrote; pickles are never read.
+
+        Raises :class:`LightdomeError` for a file that is missing, damaged, of another kind, or whose
+        arrays contradict each other.
+        """
+        path = Path(path)
+        arrays = _arrays(path)
+        result = cls(
+            direction=arrays["direction"],
+            radiance=arrays["radiance"],
+            probability=arrays["probability"],
+            pixel=arrays["pixel"],
+            map_shape=(int(arrays["map_shape"][0]), int(arrays["map_shape"][1])),
+            sequence=str(arrays["sequence"]),
+            seed=int(arrays["seed"]),
+            version=str(arrays["version"]),
+        )
+        _check(path, result)
+        return result
+
+
+# What a file must hold: kinds of its type, and shape with N for the number of samples.
+_FORMAT: dict[str, tuple[str, tuple[object, ...]]] = {
+    "direction": ("f", ("N", 3)),
+    "radiance": ("f", ("N", 3)),
+    "probability": ("f", ("N",)),
+    "pixel": ("iu", ("N", 2)),
+    "map_shape": ("iu", (2,)),
+    "sequence": ("U", ()),
+    "seed": ("iu", ()),
+    "version": ("U", ()),
+}
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of an ``.npz`` after a look at their headers, so that no lie in them costs memory."""
+    arrays: dict[str, np.ndarray] = {}
+    count: int | None = None
+    try:
+        with zipfile.ZipFile(path) as archive:
+            for name, (kinds, shape) in _FORMAT.items():
+                try:
+                    member = archive.getinfo(f"{name}.npy")
+                except KeyError:
+                    raise LightdomeError(
+                        f"{path} is no file of samples: it has no array {name!r}"
+                    ) from None
+                with archive.open(member) as stream:
+                    major, _ = np.lib.format.read_magic(stream)
+                    if major != 1:
+                        raise ValueError("unknown version of the array format")
+                    found, _, dtype = np.lib.format.read_array_header_1_0(stream)
+                if dtype.hasobject or dtype.kind not in kinds or dtype.itemsize > 1024:
+                    raise LightdomeError(f"{path}: the array {name!r} has the wrong type, {dtype}")
+                wanted = tuple(count if n == "N" and count is not None else n for n in shape)
+                if len(found) != len(wanted) or any(
+                    n not in ("N", f) for n, f in zip(wanted, found, strict=True)
+                ):
+                    raise LightdomeError(f"{path}: the array {name!r} has shape {found}, not {_shape(wanted)}")
+                count = found[0] if "N" in shape else count
+                if not 0 < (count or 1) <= MAX_SAMPLES:
+                    raise LightdomeError(f"{path}: holds {count} samples; 1 to {MAX_SAMPLES} can be used")
+                size = int(np.prod(found, dtype=np.int64)) * dtype.itemsize
+                if not size <= member.file_size <= size + 65536:
+                    raise LightdomeError(f"{path} is damaged: the array {name!r} is not as long as it says")
+                with archive.open(member) as stream:
+                    arrays[name] = np.lib.format.read_array(stream, allow_pickle=False)
+    except OSError as error:
+        raise LightdomeError(f"cannot read {path}: {error.strerror or error}") from error
+    except (zipfile.BadZipFile, ValueError, EOFError, NotImplementedError, RuntimeError) as error:
+        raise LightdomeError(f"{path} is damaged or no .npz file: {str(error).splitlines()[0]}") from error
+    except Exception as error:
+        # zlib's error has no public base class of its own in zipfile's documentation.
+        if type(error).__name__ != "error":
+            raise
+        raise LightdomeError(f"{path} is damaged: {error}") from error
+    return arrays
+
+
+def _shape(wanted: tuple[object, ...]) -> str:
+    return "(" + ", ".join(str(n) for n in wanted) + ("," if len(wanted) == 1 else "") + ")"
+
+
+def _check(path: Path, samples: Samples) -> None:
+    """Refuse samples that contradict each other; each message names the first that does."""
+
+    def refuse(bad: np.ndarray, what: str) -> None:
+        if bad.any():
+            raise LightdomeError(f"{path}: {what} (sample {int(np.argmax(bad))})")
+
+    height, width = samples.map_shape
+    if not (0 < height <= 2**20 and 0 < width <= 2**20):
+        raise LightdomeError(f"{path}: map_shape is {height} x {width}, which is no map")
+    x, y = samples.pixel[:, 0].astype(np.int64), samples.pixel[:, 1].astype(np.int64)
+    refuse((x < 0) | (x >= width) | (y < 0) | (y >= height), "a pixel lies outside the map")
+    p = samples.probability
+    refuse(~((p > 0) & (p <= 1 + 1e-6)), "a probability is not in (0, 1]")
+    L = samples.radiance
+    refuse(~(np.isfinite(L) & (L >= 0)).all(axis=1), "a radiance is negative, infinite or NaN")
+    theta, phi = row_angles(height)[y], column_angles(width)[x]
+    expected = np.stack([np.sin(theta) * np.cos(phi), np.cos(theta), np.sin(theta) * np.sin(phi)], axis=1)
+    refuse(~(np.abs(samples.direction - expected) < 1e-5).all(axis=1), "a direction is not that of its pixel")

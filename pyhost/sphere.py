@@ -1,0 +1,127 @@
+"""The diffuse unit sphere, seen by an orthographic camera along omega_o = (0, 0, 1), under directional lights.
+
+Pixel (i, j) of an R x R image has n_x = (2i + 1 - R) / R, n_y = (R - 2j - 1) / R and
+n_z = sqrt(1 - n_x^2 - n_y^2); image x to the right is +x, image y upward is +y. The surface is
+convex, so visibility is 1 and no ray is traced. Kernel: ``shade.cl``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from . import buffers
+from .device import Device
+from .envmap import EnvironmentMap, column_angles, row_angles, solid_angles
+from .errors import LightdomeError
+from .progress import Progress
+from .samples import Samples
+
+MAX_RESOLUTION = 16384
+ROWS = 4  # image rows of a tile, see clkernels/sphere.clh
+PAIRS_A_LAUNCH = 2**33  # pixels x lights between two updates of the progress line
+
+
+def disc_mask(resolution: int) -> np.ndarray:
+    """Which pixels lie inside the projected sphere: (R, R) bool."""
+    a = 2 * np.arange(resolution, dtype=np.int64) + 1 - resolution
+    return a**2 + a[:, None] ** 2 < resolution**2
+
+
+def disc_tiles(resolution: int, pixels: int, rows: int) -> np.ndarray:
+    """First pixels (x, y) of the tiles that cover the disc, (T, 2) uint32: each ``pixels`` wide, ``rows`` high.
+
+    Tiles of a band of rows start where its widest row starts, so few of their pixels lie outside.
+    """
+    half = 2 * np.arange(resolution, dtype=np.int64) + 1 - resolution
+    # Pixels of row j are inside for |a| <= reach, a of the parity of R - 1.
+    room = resolution**2 - half**2
+    reach = np.sqrt(np.maximum(room - 1, 0)).astype(np.int64)
+    first = (resolution - 1 - reach + 1) // 2
+    last = resolution - 1 - first
+    tiles = []
+    for y in range(0, resolution, rows):
+        band = slice(y, min(y + rows, resolution))
+        x = np.arange(first[band].min(), last[band].max() + 1, pixels)
+        tiles.append(np.stack([x, np.full_like(x, y)], axis=1))
+    return np.concatenate(tiles).astype(np.uint32)
+
+
+def shade(
+    device: Device,
+    direction: np.ndarray,
+    flux: np.ndarray,
+    resolution: int = 511,
+    albedo: float = 1.0,
+) -> np.ndarray:
+    """Light the sphere with N directional lights: the image is (R, R, 3) float32, radiance.
+
+    ``direction``  (N, 3) unit vectors towards the lights
+    ``flux``       (N, 3) what each stands for, radiance x steradian
+
+    A pixel is albedo / pi times the sum of flux max(0, n . direction); outside the disc it is 0.
+    Raises :class:`LightdomeError` for a resolution outside 1 to 16384.
+    """
+    if not 1 <= resolution <= MAX_RESOLUTION:
+        raise LightdomeError(f"the resolution is from 1 to {MAX_RESOLUTION}, not {resolution}")
+    pixels = device.vector_width
+    rows = ROWS if pixels > 1 else 1
+    lights = np.empty((len(direction), 6), np.float32)
+    lights[:, :3] = direction
+    with np.errstate(over="ignore"):
+        lights[:, 3:] = flux * (albedo / np.pi)
+    tiles = disc_tiles(resolution, pixels, rows)
+    image = buffers.zeros(device, (resolution, resolution, 3), np.float32)
+    tile_buffer = buffers.upload(device, tiles)
+    light_buffer = buffers.upload(device, lights)
+    kernel = device.kernel("shade", PIXELS=pixels, ROWS=rows)
+
+    step = max(1, PAIRS_A_LAUNCH // (len(lights) * pixels * rows))
+    with Progress("shading the sphere") as progress:
+        for begin in range(0, len(tiles), step):
+            count = min(step, len(tiles) - begin)
+            event = kernel(
+                device.queue,
+                (count,),
+                (1,) if pixels > 1 else None,
+                tile_buffer.buffer,
+                light_buffer.buffer,
+                np.uint32(len(lights)),
+                np.int32(resolution),
+                image.buffer,
+                global_offset=(begin,),
+            )
+            device.profile.record("shade", event)
+            if step < len(tiles):
+                event.wait()
+                progress.update((begin + count) / len(tiles))
+    return buffers.download(device, image)
+
+
+def shade_samples(
+    device: Device, samples: Samples, resolution: int = 511, albedo: float = 1.0
+) -> np.ndarray:
+    """Light the sphere with one set of samples for all pixels: unbiased, its error the same everywhere.
+
+    See :func:`shade` for the image and the errors raised.
+    """
+    return shade(device, samples.direction, samples.flux, resolution, albedo)
+
+
+def exact(
+    device: Device, envmap: EnvironmentMap, resolution: int = 511, albedo: float = 1.0
+) -> np.ndarray:
+    """The image that every estimator converges to: each pixel of the map once, weighted by its solid angle.
+
+    See :func:`shade` for the image and the errors raised.
+    """
+    height, width = envmap.height, envmap.width
+    theta, phi = row_angles(height)[:, None], column_angles(width)
+    direction = np.empty((height, width, 3), np.float32)
+    direction[..., 0] = np.sin(theta) * np.cos(phi)
+    direction[..., 1] = np.cos(theta)
+    direction[..., 2] = np.sin(theta) * np.sin(phi)
+    flux = envmap.radiance * solid_angles(height, width)[:, None, None]
+    lit = envmap.radiance.any(axis=2)
+    if not lit.any():
+        return np.zeros((resolution, resolution, 3), np.float32)
+    return shade(device, direction[lit], flux[lit], resolution, albedo)
