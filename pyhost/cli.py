@@ -14,9 +14,12 @@ import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from .errors import LightdomeError
+
+if TYPE_CHECKING:
+    from .envmap import EnvironmentMap
 
 
 def run(main: Callable[[], None]) -> NoReturn:
@@ -38,15 +41,78 @@ def run(main: Callable[[], None]) -> NoReturn:
     sys.exit(0)
 
 
+class _Help(argparse.ArgumentDefaultsHelpFormatter):
+    """Says the default of every option that has one to say."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        return action.help if action.default in (None, False) else super()._get_help_string(action)
+
+
 def parser(description: str, example: str, out: str) -> argparse.ArgumentParser:
     """An argument parser with the look that all scripts share and the option ``--out``."""
     result = argparse.ArgumentParser(
         description=description,
         epilog=f"example: {example}",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        formatter_class=_Help,
     )
     result.add_argument("--out", type=Path, default=Path(out), metavar="DIR", help="folder to write into")
     return result
+
+
+def map_options(parser: argparse.ArgumentParser) -> None:
+    """Add ``--map`` and ``--sanitize``, for :func:`load_map`; the default lies in ``data/`` beside ``scripts/``."""
+    data = Path(sys.argv[0]).resolve().parent.parent / "data"
+    grace = data / "grace_latlong.exr"
+    parser.add_argument(
+        "--map",
+        type=Path,
+        metavar="FILE",
+        default=grace if grace.exists() else data / "default.exr",
+        help="latitude-longitude environment map: .exr, .hdr or .pfm",
+    )
+    parser.add_argument(
+        "--sanitize", action="store_true", help="replace NaN, infinite and negative pixels by black"
+    )
+
+
+def load_map(args: argparse.Namespace) -> EnvironmentMap:
+    """The map that the options of :func:`map_options` name; a remark on its shape goes to standard error."""
+    from .envmap import EnvironmentMap  # only here: a script without a map needs no image library
+
+    envmap = EnvironmentMap.read(args.map, sanitize=args.sanitize)
+    if envmap.shape_note:
+        print(envmap.shape_note, file=sys.stderr)
+    return envmap
+
+
+def device_option(parser: argparse.ArgumentParser) -> None:
+    """Add ``--device``, for :func:`lightdome.device.open_device`."""
+    parser.add_argument(
+        "--device",
+        metavar="NAME",
+        help="OpenCL device: PLATFORM[:DEVICE], indices or parts of names (default: $PYOPENCL_CTX, else the best that works)",
+    )
+
+
+def sphere_options(parser: argparse.ArgumentParser) -> None:
+    """Add ``--resolution`` and ``--albedo``."""
+    parser.add_argument(
+        "--resolution", type=positive_int, default=511, metavar="R", help="width and height of the images in pixels"
+    )
+    parser.add_argument(
+        "--albedo", type=non_negative_float, default=1.0, help="reflectance of the sphere, 0 black to 1 white"
+    )
+
+
+def tone_options(parser: argparse.ArgumentParser) -> None:
+    """Add ``--gamma`` and ``--exposure``, which only the pictures for the eye use."""
+    parser.add_argument("--gamma", type=positive_float, default=2.2, help="gamma of the .ppm and .png files")
+    parser.add_argument(
+        "--exposure",
+        type=exposure,
+        default="auto",
+        help="factor on the radiance in the .ppm and .png files, or auto: the 99th percentile becomes white",
+    )
 
 
 def output_folder(path: Path) -> Path:

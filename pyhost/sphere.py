@@ -11,39 +11,13 @@ import numpy as np
 
 from . import buffers
 from .device import Device
+from .disc import check_resolution, disc_tiles
 from .envmap import EnvironmentMap, column_angles, row_angles, solid_angles
-from .errors import LightdomeError
 from .progress import Progress
 from .samples import Samples
 
-MAX_RESOLUTION = 16384
-ROWS = 4  # image rows of a tile, see clkernels/sphere.clh
+ROWS = 1  # image rows of a tile, see clkernels/sphere.clh
 PAIRS_A_LAUNCH = 2**33  # pixels x lights between two updates of the progress line
-
-
-def disc_mask(resolution: int) -> np.ndarray:
-    """Which pixels lie inside the projected sphere: (R, R) bool."""
-    a = 2 * np.arange(resolution, dtype=np.int64) + 1 - resolution
-    return a**2 + a[:, None] ** 2 < resolution**2
-
-
-def disc_tiles(resolution: int, pixels: int, rows: int) -> np.ndarray:
-    """First pixels (x, y) of the tiles that cover the disc, (T, 2) uint32: each ``pixels`` wide, ``rows`` high.
-
-    Tiles of a band of rows start where its widest row starts, so few of their pixels lie outside.
-    """
-    half = 2 * np.arange(resolution, dtype=np.int64) + 1 - resolution
-    # Pixels of row j are inside for |a| <= reach, a of the parity of R - 1.
-    room = resolution**2 - half**2
-    reach = np.sqrt(np.maximum(room - 1, 0)).astype(np.int64)
-    first = (resolution - 1 - reach + 1) // 2
-    last = resolution - 1 - first
-    tiles = []
-    for y in range(0, resolution, rows):
-        band = slice(y, min(y + rows, resolution))
-        x = np.arange(first[band].min(), last[band].max() + 1, pixels)
-        tiles.append(np.stack([x, np.full_like(x, y)], axis=1))
-    return np.concatenate(tiles).astype(np.uint32)
 
 
 def shade(
@@ -61,8 +35,7 @@ def shade(
     A pixel is albedo / pi times the sum of flux max(0, n . direction); outside the disc it is 0.
     Raises :class:`LightdomeError` for a resolution outside 1 to 16384.
     """
-    if not 1 <= resolution <= MAX_RESOLUTION:
-        raise LightdomeError(f"the resolution is from 1 to {MAX_RESOLUTION}, not {resolution}")
+    check_resolution(resolution)
     pixels = device.vector_width
     rows = ROWS if pixels > 1 else 1
     lights = np.empty((len(direction), 6), np.float32)

@@ -1,0 +1,44 @@
+"""The projected sphere in the image: which pixels it covers, and tiles that cover it.
+
+Pixel (i, j) of an R x R image has n_x = a / R and n_y = b / R with the integers a = 2i + 1 - R and
+b = R - 2j - 1; it lies inside if a^2 + b^2 < R^2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .errors import LightdomeError
+
+MAX_RESOLUTION = 16384
+
+
+def check_resolution(resolution: int) -> None:
+    """Raise :class:`LightdomeError` for a resolution that no image can have."""
+    if not 1 <= resolution <= MAX_RESOLUTION:
+        raise LightdomeError(f"the resolution is from 1 to {MAX_RESOLUTION}, not {resolution}")
+
+
+def disc_mask(resolution: int) -> np.ndarray:
+    """Which pixels lie inside the projected sphere: (R, R) bool."""
+    a = 2 * np.arange(resolution, dtype=np.int64) + 1 - resolution
+    return a**2 + a[:, None] ** 2 < resolution**2
+
+
+def disc_tiles(resolution: int, pixels: int, rows: int) -> np.ndarray:
+    """First pixels (x, y) of the tiles that cover the disc, (T, 2) uint32: each ``pixels`` wide, ``rows`` high.
+
+    Tiles of a band of rows start where its widest row starts, so few of their pixels lie outside.
+    """
+    half = 2 * np.arange(resolution, dtype=np.int64) + 1 - resolution
+    # Pixels of row j are inside for |a| <= reach, a of the parity of R - 1.
+    room = resolution**2 - half**2
+    reach = np.sqrt(np.maximum(room - 1, 0)).astype(np.int64)
+    first = (resolution - 1 - reach + 1) // 2
+    last = resolution - 1 - first
+    tiles = []
+    for y in range(0, resolution, rows):
+        band = slice(y, min(y + rows, resolution))
+        x = np.arange(first[band].min(), last[band].max() + 1, pixels)
+        tiles.append(np.stack([x, np.full_like(x, y)], axis=1))
+    return np.concatenate(tiles).astype(np.uint32)

@@ -1,0 +1,53 @@
+#!/usr/bin/env python3
+"""Part 3: shade a diffuse sphere with the samples of part 2."""
+
+from pathlib import Path
+
+from lightdome import cli
+from lightdome.errors import LightdomeError
+
+
+def main() -> None:
+    parser = cli.parser(
+        "Shade a diffuse sphere with sets of light samples, each set shared by all pixels."
+        " Writes sphere_N.pfm, sphere_N.ppm and sphere_N.png.",
+        "scripts/part3_shade.py out/part2/samples_*.npz",
+        "out/part3",
+    )
+    parser.add_argument("samples", type=Path, nargs="+", metavar="SAMPLES.npz", help="files that part 2 wrote")
+    cli.sphere_options(parser)
+    cli.tone_options(parser)
+    cli.device_option(parser)
+    args = parser.parse_args()
+
+    from lightdome.samples import Samples
+
+    sets: dict[int, Samples] = {}
+    for path in args.samples:
+        samples = Samples.load(path)
+        if len(samples) in sets:
+            raise LightdomeError(f"{path}: another file has {len(samples)} samples too; shade it into its own --out")
+        sets[len(samples)] = samples
+    out = cli.output_folder(args.out)
+
+    from lightdome.device import open_device
+    from lightdome.images import auto_exposure, tone_map, write_image
+    from lightdome.sphere import shade_samples
+
+    device = open_device(args.device)
+    print(f"device: {device.description}")
+    exposure = args.exposure
+    # The largest set first: it knows best how bright the sphere is, and one exposure serves all.
+    for count, samples in sorted(sets.items(), reverse=True):
+        image = shade_samples(device, samples, args.resolution, args.albedo)
+        exposure = exposure or auto_exposure(image)
+        write_image(out / f"sphere_{count}.pfm", image)
+        picture = tone_map(image, exposure, args.gamma)
+        for suffix in ("ppm", "png"):
+            write_image(out / f"sphere_{count}.{suffix}", picture)
+        print(f"wrote {out}/sphere_{count}.pfm, .ppm, .png")
+    print(f"exposure {exposure:.4g}, gamma {args.gamma:g}")
+
+
+if __name__ == "__main__":
+    cli.run(main)
