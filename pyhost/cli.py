@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import signal
 import sys
 import tempfile
 from collections.abc import Callable
@@ -25,11 +26,14 @@ if TYPE_CHECKING:
 def run(main: Callable[[], None]) -> NoReturn:
     """Run ``main`` and exit: 0 on success, 1 with one line on a user's mistake, 130 on Ctrl-C."""
     name = Path(sys.argv[0]).stem
+    # A polite kill unwinds like Ctrl-C, so that no temporary file stays behind.
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     try:
         main()
         sys.stdout.flush()
     except LightdomeError as error:
-        print(f"{name}: {error}", file=sys.stderr)
+        line = "".join(c if c.isprintable() else "?" for c in str(error))  # file names may hold anything
+        print(f"{name}: {line}", file=sys.stderr)
         sys.exit(1)
     except KeyboardInterrupt:
         print(f"\n{name}: interrupted", file=sys.stderr)

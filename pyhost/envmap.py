@@ -93,16 +93,17 @@ def _complaint(radiance: np.ndarray, bad: np.ndarray, name: str) -> str:
     pixels = bad.any(axis=2)
     y, x = (int(i) for i in np.argwhere(pixels)[0])
     kinds = [
-        f"{count} {kind}"
-        for kind, count in (
+        f"{n} {kind}"
+        for kind, n in (
             ("NaN", int(np.isnan(radiance).any(axis=2).sum())),
             ("infinite", int(np.isinf(radiance).any(axis=2).sum())),
             ("negative", int(((radiance < 0) & np.isfinite(radiance)).any(axis=2).sum())),
         )
-        if count
+        if n
     ]
+    count = int(pixels.sum())
     r, g, b = radiance[y, x]
     return (
-        f"{name}: {int(pixels.sum())} bad pixels ({', '.join(kinds)}), the first at x = {x}, y = {y}:"
+        f"{name}: {count} bad pixel{'s' if count > 1 else ''} ({', '.join(kinds)}), the first at x = {x}, y = {y}:"
         f" ({r:g}, {g:g}, {b:g}); mend the map, or replace them by black with --sanitize"
     )

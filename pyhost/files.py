@@ -21,6 +21,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
     """
     path = Path(path)
     try:
+        if path.exists() and not path.is_file():
+            raise LightdomeError(f"cannot write {path}: it is there and is no ordinary file")
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix)
     except OSError as error:
         raise LightdomeError(f"cannot write {path}: {error.strerror}") from error

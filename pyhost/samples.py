@@ -123,7 +123,7 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
                 ):
                     raise LightdomeError(f"{path}: the array {name!r} has shape {found}, not {_shape(wanted)}")
                 count = found[0] if "N" in shape else count
-                if not 0 < (count or 1) <= MAX_SAMPLES:
+                if count is not None and not 0 < count <= MAX_SAMPLES:
                     raise LightdomeError(f"{path}: holds {count} samples; 1 to {MAX_SAMPLES} can be used")
                 size = int(np.prod(found, dtype=np.int64)) * dtype.itemsize
                 if not size <= member.file_size <= size + 65536:

@@ -1,0 +1,96 @@
+"""Float64 numpy references, written from the equations and sharing no code with the device's host.
+
+Slow and plain on purpose: this is what the kernels, and other renderers, are checked against.
+Conventions: row 0 is theta = 0, directions are (sin theta cos phi, cos theta, sin theta sin phi), the
+camera looks along -z. See Pharr, Jakob, Humphreys, 4th ed., A.4, A.5 and 12.5.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def angles(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """(theta, phi) of all pixel centres, each (H, W), radians."""
+    y, x = np.mgrid[0:height, 0:width]
+    return np.pi / height * (y + 0.5), 2 * np.pi / width * (x + 0.5)
+
+
+def directions(height: int, width: int) -> np.ndarray:
+    """Unit vectors of all pixel centres, (H, W, 3)."""
+    theta, phi = angles(height, width)
+    return np.dstack([np.sin(theta) * np.cos(phi), np.cos(theta), np.sin(theta) * np.sin(phi)])
+
+
+def pixel_solid_angles(height: int, width: int) -> np.ndarray:
+    """Exact solid angles of all pixels, (H, W), steradians: the integral of sin(theta) over each."""
+    edge = np.cos(np.pi * np.arange(height + 1) / height)
+    return np.repeat((edge[:-1] - edge[1:])[:, None] * 2 * np.pi / width, width, axis=1)
+
+
+def luminance(radiance: np.ndarray) -> np.ndarray:
+    """I = (R + G + B) / 3, (H, W)."""
+    return np.asarray(radiance, dtype=np.float64).sum(axis=2) / 3
+
+
+def probability(radiance: np.ndarray) -> np.ndarray:
+    """The discrete p(x, y) proportional to I sin(theta), (H, W); sums to 1."""
+    theta, _ = angles(*radiance.shape[:2])
+    intensity = luminance(radiance)
+    peak = intensity.max()
+    weight = intensity / peak * np.sin(theta)
+    return weight / weight.sum()
+
+
+def flux(radiance: np.ndarray) -> float:
+    """Phi, the integral of I over the sphere of directions, radiance x steradian."""
+    return float((luminance(radiance) * pixel_solid_angles(*radiance.shape[:2])).sum())
+
+
+def invert(radiance: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Pixels (x, y) that points (u_x, u_y) in [0, 1)^2 pick, (N, 2): row by p(y), then column by p(x | y)."""
+    p = probability(radiance)
+    rows = np.cumsum(p.sum(axis=1))
+    result = np.empty((len(points), 2), np.int64)
+    for i, (u_x, u_y) in enumerate(points):
+        y = int(np.searchsorted(rows, u_y * rows[-1], side="right"))
+        columns = np.cumsum(p[y])
+        result[i] = np.searchsorted(columns, u_x * columns[-1], side="right"), y
+    return result
+
+
+def normals(resolution: int) -> np.ndarray:
+    """Normals of the sphere's pixels, (R, R, 3); NaN outside the disc."""
+    n_x = (np.arange(resolution) + 0.5 - resolution / 2) / (resolution / 2)
+    n_x, n_y = np.meshgrid(n_x, -n_x)
+    inside = 1 - n_x**2 - n_y**2
+    n_z = np.sqrt(np.where(inside > 1e-12, inside, np.nan))
+    return np.where(np.isnan(n_z)[..., None], np.nan, np.dstack([n_x, n_y, n_z]))
+
+
+def shade(
+    normal: np.ndarray, direction: np.ndarray, radiance: np.ndarray, density: np.ndarray, albedo: float = 1.0
+) -> np.ndarray:
+    """The estimator (albedo / pi) / N sum of L max(0, n . w) / pdf(w) for normals (..., 3): (..., 3).
+
+    ``direction`` (N, 3), ``radiance`` (N, 3), ``density`` (N,) per steradian.
+    """
+    cosine = np.maximum(normal @ np.asarray(direction, dtype=np.float64).T, 0)
+    return albedo / np.pi * cosine @ (radiance / density[:, None]) / len(density)
+
+
+def exact(radiance: np.ndarray, normal: np.ndarray, albedo: float = 1.0) -> np.ndarray:
+    """Radiance of a diffuse surface with normals (M, 3) under the whole map, (M, 3): every pixel once."""
+    height, width = radiance.shape[:2]
+    weighted = radiance.astype(np.float64) * pixel_solid_angles(height, width)[..., None]
+    result = np.zeros((len(normal), 3))
+    for w, light in zip(directions(height, width), weighted, strict=True):  # a row at a time
+        result += np.maximum(normal @ w.T, 0) @ light
+    return albedo / np.pi * result
+
+
+def relative_rmse(image: np.ndarray, reference: np.ndarray) -> float:
+    """sqrt(mean((image - reference)^2)) / sqrt(mean(reference^2)) over the disc of (R, R, 3) images."""
+    inside = ~np.isnan(normals(len(image))[..., 0])
+    difference = image[inside].astype(np.float64) - reference[inside]
+    return float(np.sqrt((difference**2).mean() / (reference[inside].astype(np.float64) ** 2).mean()))

@@ -1,0 +1,85 @@
+"""What the tests share: a device, small maps, Grace where it is, and a way to run the scripts."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lightdome.device import Device, open_device
+from lightdome.envmap import EnvironmentMap
+
+ROOT = Path(__file__).parent.parent
+GRACE = Path(os.environ.get("LIGHTDOME_GRACE", ROOT / "data" / "grace_latlong.exr"))
+
+
+@pytest.fixture(scope="session")
+def device() -> Device:
+    return open_device()
+
+
+@pytest.fixture(scope="session")
+def grace() -> EnvironmentMap:
+    if not GRACE.exists():
+        pytest.skip("needs the Grace map: run scripts/get_grace.py")
+    return EnvironmentMap.read(GRACE)
+
+
+def stiff_radiance(height: int, width: int, seed: int = 1) -> np.ndarray:
+    """Log-normal noise of a large spread, with black pixels, a black row and coloured light."""
+    rng = np.random.default_rng(seed)
+    radiance = np.exp(rng.normal(0, 3, (height, width, 3))).astype(np.float32)
+    radiance[rng.random((height, width)) < 0.2] = 0
+    if height > 2:
+        radiance[1] = 0
+    return radiance
+
+
+@pytest.fixture(scope="session")
+def stiff() -> EnvironmentMap:
+    """A small map that is hard: odd sizes, 10 orders of magnitude, holes."""
+    return EnvironmentMap(stiff_radiance(21, 43))
+
+
+Script = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture(scope="session")
+def script() -> Script:
+    """Run ``scripts/NAME.py`` with arguments in a process of its own."""
+
+    def run(name: str, *args: object, **environment: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, str(ROOT / "scripts" / f"{name}.py"), *map(str, args)]
+        return subprocess.run(
+            command, capture_output=True, text=True, timeout=120, env={**os.environ, **environment}
+        )
+
+    return run
+
+
+def fails_in_one_line(result: subprocess.CompletedProcess[str], *words: str) -> None:
+    """Assert the manners of a user's mistake: exit status 1, one line that holds ``words``."""
+    assert result.returncode == 1, result.stderr
+    assert "Traceback" not in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1, result.stderr
+    for word in words:
+        assert word in result.stderr
+
+
+def chi_square_z(counts: np.ndarray, p: np.ndarray) -> float:
+    """How many standard deviations chi-square is off (Wilson and Hilferty 1931); rare bins are pooled."""
+    n = counts.sum()
+    order = np.argsort(p, axis=None)
+    expected, seen = n * p.ravel()[order], counts.ravel()[order]
+    # Pool neighbours in order of p until each pool expects at least 10.
+    pool = np.floor(np.cumsum(expected) / 10).astype(np.int64)
+    pool = np.unique(pool, return_inverse=True)[1]
+    expected, seen = np.bincount(pool, expected), np.bincount(pool, seen)
+    keep = expected > 0
+    assert seen[~keep].sum() == 0
+    chi2, k = ((seen - expected)[keep] ** 2 / expected[keep]).sum(), keep.sum() - 1
+    return float(((chi2 / k) ** (1 / 3) - (1 - 2 / (9 * k))) / np.sqrt(2 / (9 * k)))

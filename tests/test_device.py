@@ -1,0 +1,85 @@
+"""Devices are chosen by what works, programs are built once, stages are timed by name."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pyopencl as cl
+import pytest
+from lightdome import buffers
+from lightdome.device import Device, open_device
+from lightdome.errors import LightdomeError
+from lightdome.programs import Programs, source
+
+
+def test_a_device_is_found_by_part_of_its_name(device: Device) -> None:
+    name = device.handle.name
+    assert open_device(name[:6].upper()).handle.name == name
+    assert open_device(f"{device.handle.platform.name}:0").handle.platform == device.handle.platform
+
+
+def test_pyopencl_ctx_is_followed_and_the_argument_goes_first(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYOPENCL_CTX", "no such thing")
+    with pytest.raises(LightdomeError, match="no such thing"):
+        open_device()
+    assert open_device(device.handle.name).handle == device.handle
+    index = cl.get_platforms().index(device.handle.platform)
+    monkeypatch.setenv("PYOPENCL_CTX", str(index))
+    assert open_device().handle == device.handle
+
+
+def test_an_unknown_device_is_named_with_what_there_is(device: Device) -> None:
+    with pytest.raises(LightdomeError, match="no OpenCL device matches 'Voodoo 2'") as error:
+        open_device("Voodoo 2")
+    assert device.handle.name.strip() in str(error.value)
+
+
+def test_a_device_that_fails_the_probe_does_not_count(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The child finds no lightdome to import: as good as a compiler that aborts.
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    with pytest.raises(LightdomeError, match="no OpenCL device works here"):
+        open_device()
+    with pytest.raises(LightdomeError, match="does not compile and run"):
+        open_device(device.handle.name)
+
+
+def test_the_probe_names_the_best_device() -> None:
+    result = subprocess.run([sys.executable, "-m", "lightdome.probe"], capture_output=True, text=True)
+    assert result.returncode == 0
+    assert result.stdout.strip() == open_device().description
+
+
+def test_a_kernel_is_built_once_per_set_of_defines(device: Device) -> None:
+    programs = Programs(device.context)
+    kernel = programs.kernel("shade", PIXELS=1, ROWS=1)
+    assert programs.kernel("shade", ROWS=1, PIXELS=1) is kernel
+    assert programs.kernel("shade", PIXELS=1, ROWS=2) is not kernel
+
+
+def test_a_build_that_fails_is_one_line(device: Device) -> None:
+    with pytest.raises(LightdomeError, match=r"refuses clkernels/shade\.cl") as error:
+        Programs(device.context).kernel("shade", PIXELS=3, ROWS=1)
+    assert "\n" not in str(error.value)
+
+
+def test_a_header_is_inlined_once() -> None:
+    text = source("row_cdf.cl")
+    assert '#include "' not in text
+    assert text.count("#define TWO_SUM") == 1
+
+
+def test_stages_are_timed_by_name(device: Device) -> None:
+    device.profile.clear()
+    array = buffers.zeros(device, (64, 1024), np.float32)
+    assert not buffers.download(device, array).any()
+    seconds = device.profile.seconds()
+    assert set(seconds) == {"clear", "download"}
+    assert seconds["clear"] > 0
+    device.profile.clear()
+    assert device.profile.seconds() == {}

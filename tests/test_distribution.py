@@ -1,0 +1,173 @@
+"""Samples follow luminance x sin(theta), to the last pixel and the last digit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conftest import chi_square_z, stiff_radiance
+from lightdome import buffers, reference
+from lightdome.device import Device
+from lightdome.distribution import build_distribution
+from lightdome.envmap import EnvironmentMap
+from lightdome.errors import LightdomeError
+from lightdome.samples import Samples
+
+SHAPES = [(1, 1), (1, 40), (40, 1), (2, 2), (15, 31), (16, 32), (17, 33), (64, 100)]
+
+
+def counts(samples: Samples) -> np.ndarray:
+    height, width = samples.map_shape
+    index = samples.pixel[:, 1].astype(np.int64) * width + samples.pixel[:, 0]
+    return np.bincount(index, minlength=height * width).reshape(height, width)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_probability_and_flux_meet_the_reference(device: Device, shape: tuple[int, int]) -> None:
+    radiance = stiff_radiance(*shape)
+    radiance[0, 0] = 1
+    distribution = build_distribution(device, EnvironmentMap(radiance))
+    samples = distribution.sample(5000)
+    x, y = samples.pixel.T
+    np.testing.assert_allclose(samples.probability, reference.probability(radiance)[y, x], rtol=1e-6)
+    assert distribution.flux == pytest.approx(reference.flux(radiance), rel=1e-6)
+
+
+def test_direction_radiance_and_pixel_agree(device: Device, stiff: EnvironmentMap) -> None:
+    samples = build_distribution(device, stiff).sample(5000)
+    x, y = samples.pixel.T
+    np.testing.assert_array_equal(samples.radiance, stiff.radiance[y, x])
+    directions = reference.directions(stiff.height, stiff.width)[y, x]
+    np.testing.assert_allclose(samples.direction, directions, atol=2e-7)
+    p = reference.probability(stiff.radiance)[y, x]
+    density = p / reference.pixel_solid_angles(stiff.height, stiff.width)[y, x]
+    np.testing.assert_allclose(samples.density, density, rtol=1e-6)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_cdfs_are_monotone_and_steps_are_the_weights(device: Device, shape: tuple[int, int]) -> None:
+    radiance = stiff_radiance(*shape)
+    distribution = build_distribution(device, EnvironmentMap(radiance))
+    cdf = buffers.download(device, distribution.row_cdf).astype(np.int64)
+    steps = np.diff(cdf, prepend=0, axis=1)
+    weight = reference.luminance(radiance)
+    assert (steps >= 0).all()
+    assert (steps[weight == 0] == 0).all()
+    lit = weight.sum(axis=1) > 0
+    assert (cdf[lit, -1] >= 2**30 - shape[1]).all()
+    expected = weight[lit] / weight[lit].sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(steps[lit] / cdf[lit, -1:], expected, atol=2.0**-30, rtol=1e-6)
+
+
+def test_a_million_draws_pass_chi_square_and_only_with_sin_theta(
+    device: Device, stiff: EnvironmentMap
+) -> None:
+    seen = counts(build_distribution(device, stiff).sample(1_000_000))
+    assert abs(chi_square_z(seen, reference.probability(stiff.radiance))) < 4
+    without = reference.luminance(stiff.radiance)
+    assert chi_square_z(seen, without / without.sum()) > 100
+
+
+def test_a_pixel_of_weight_zero_is_never_drawn(device: Device, stiff: EnvironmentMap) -> None:
+    seen = counts(build_distribution(device, stiff).sample(1_000_000, seed=5))
+    assert seen[reference.luminance(stiff.radiance) == 0].sum() == 0
+
+
+@pytest.mark.parametrize("lit", [(0, 0), (0, 42), (10, 20), (20, 0), (20, 42)])
+def test_a_single_lit_pixel_is_always_drawn(device: Device, lit: tuple[int, int]) -> None:
+    radiance = np.zeros((21, 43, 3), np.float32)
+    radiance[lit] = (0, 0, 1e-30)
+    ends = np.array([0, 0.5, 1 - 2.0**-24, 1 - 2.0**-32, np.nextafter(1, 0)])
+    points = np.stack(np.meshgrid(ends, ends), axis=-1).reshape(-1, 2)
+    samples = build_distribution(device, EnvironmentMap(radiance)).sample_at(points)
+    assert (samples.pixel == (lit[1], lit[0])).all()
+    np.testing.assert_allclose(samples.probability, 1, rtol=1e-6)
+
+
+def test_points_pick_the_pixels_of_the_textbook(device: Device, stiff: EnvironmentMap) -> None:
+    points = np.random.default_rng(3).random((2000, 2))
+    picked = build_distribution(device, stiff).sample_at(points).pixel
+    expected = reference.invert(stiff.radiance, points)
+    # A point within 2^-29 of a step of the CDF may fall on either side.
+    assert (picked == expected).all(axis=1).mean() > 0.999
+
+
+def test_every_edge_of_a_cdf_is_exact(device: Device) -> None:
+    radiance = np.ones((2, 8, 3), np.float32)
+    distribution = build_distribution(device, EnvironmentMap(radiance))
+    edges = np.arange(8) / 8
+    below = edges[1:] - 2.0**-32
+    for u, expected in ((edges, np.arange(8)), (below, np.arange(7))):
+        points = np.stack([u, np.full_like(u, 0.25)], axis=1)
+        np.testing.assert_array_equal(distribution.sample_at(points).pixel[:, 0], expected)
+
+
+def test_the_same_seed_gives_the_same_samples_everywhere(device: Device) -> None:
+    # Recorded once. A device, a version or a change that draws others breaks every user's files.
+    y, x, c = np.mgrid[0:64, 0:128, 0:3]
+    envmap = EnvironmentMap(((x * 7 + y * 13 + c * 5) % 31).astype(np.float32))
+    samples = build_distribution(device, envmap).sample(6, seed=0x123456789ABCDEF)
+    assert samples.pixel.tolist() == RECORDED_PIXELS
+    assert samples.probability.view(np.uint32).tolist() == RECORDED_BITS
+
+
+RECORDED_PIXELS = [[92, 43], [86, 24], [124, 32], [86, 31], [80, 46], [44, 45]]
+RECORDED_BITS = [962506722, 964302402, 963718062, 963718062, 958554092, 961530616]
+
+
+def philox(counter: list[int], key: list[int]) -> list[int]:
+    """Philox 4x32-10, from the paper (Salmon et al. 2011, section 3.3)."""
+    c, k = list(counter), list(key)
+    for _ in range(10):
+        a, b = 0xD2511F53 * c[0], 0xCD9E8D57 * c[2]
+        c = [(b >> 32) ^ c[1] ^ k[0], b & 0xFFFFFFFF, (a >> 32) ^ c[3] ^ k[1], a & 0xFFFFFFFF]
+        k = [(k[0] + 0x9E3779B9) & 0xFFFFFFFF, (k[1] + 0xBB67AE85) & 0xFFFFFFFF]
+    return c
+
+
+def test_independent_points_are_philox(device: Device, stiff: EnvironmentMap) -> None:
+    assert philox([0] * 4, [0] * 2) == [0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8]  # known answer
+    points = np.array([philox([i, 0, 0, 0], [7, 9])[:2] for i in range(500)]) / 2**32
+    distribution = build_distribution(device, stiff)
+    drawn = distribution.sample(500, seed=7 + (9 << 32)).pixel
+    np.testing.assert_array_equal(drawn, distribution.sample_at(points).pixel)
+
+
+def test_seeds_differ_and_fewer_samples_are_a_prefix(device: Device, stiff: EnvironmentMap) -> None:
+    distribution = build_distribution(device, stiff)
+    pixels = distribution.sample(100, seed=1).pixel
+    np.testing.assert_array_equal(distribution.sample(10, seed=1).pixel, pixels[:10])
+    assert (distribution.sample(100, seed=2).pixel != pixels).any()
+    assert (distribution.sample(100, seed=1 + 2**32).pixel != pixels).any()
+
+
+@pytest.mark.parametrize("factor", [2.0**-140, 2.0**-100, 2.0**100])
+def test_the_ends_of_float32_draw_the_same_pixels(device: Device, factor: float) -> None:
+    radiance = np.random.default_rng(2).integers(1, 100, (20, 40, 3)).astype(np.float32)
+    plain = build_distribution(device, EnvironmentMap(radiance)).sample(1000)
+    scaled = build_distribution(device, EnvironmentMap(radiance * np.float32(factor))).sample(1000)
+    np.testing.assert_array_equal(scaled.pixel, plain.pixel)
+    np.testing.assert_array_equal(scaled.probability, plain.probability)
+
+
+def test_a_bright_pixel_does_not_spoil_its_neighbours(device: Device) -> None:
+    radiance = np.ones((32, 64, 3), np.float32)
+    radiance[16, 30] = 1e12
+    samples = build_distribution(device, EnvironmentMap(radiance)).sample_at(
+        np.stack([np.linspace(0, 1, 999, endpoint=False), np.linspace(0, 1, 999, endpoint=False)], axis=1)
+    )
+    x, y = samples.pixel.T
+    np.testing.assert_allclose(samples.probability, reference.probability(radiance)[y, x], rtol=1e-6)
+
+
+def test_mistakes_are_told(device: Device, stiff: EnvironmentMap) -> None:
+    distribution = build_distribution(device, stiff)
+    with pytest.raises(LightdomeError, match="0 samples"):
+        distribution.sample(0)
+    with pytest.raises(LightdomeError, match="seed"):
+        distribution.sample(1, seed=-1)
+    with pytest.raises(LightdomeError, match="sequence"):
+        distribution.sample(1, sequence="magic")
+    with pytest.raises(LightdomeError, match=r"\[0, 1\)"):
+        distribution.sample_at(np.array([[0.5, 1.0]]))
+    with pytest.raises(LightdomeError, match="black"):
+        build_distribution(device, EnvironmentMap(np.zeros((4, 8, 3)))).sample(1)

@@ -1,0 +1,147 @@
+"""Parts 2 and 3 as a user runs them, and what they say when something is wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Script, fails_in_one_line, stiff_radiance
+from lightdome.images import read_image, write_image
+from lightdome.markers import mark_pixels
+from lightdome.samples import Samples
+
+
+@pytest.fixture(scope="module")
+def small_map(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("map") / "small map.pfm"
+    write_image(path, stiff_radiance(16, 32))
+    return path
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def test_parts_2_and_3_end_to_end(script: Script, small_map: Path, tmp_path: Path) -> None:
+    two, three = tmp_path / "two", tmp_path / "deep" / "three"
+    result = script("part2_sample", "--map", small_map, "--counts", 7, 3, "--marker", 1, "--out", two)
+    assert result.returncode == 0, result.stderr
+    assert "device: " in result.stdout
+    suffixes = ("pfm", "ppm", "png")
+    assert names(two) == {f"em_{n}.{s}" for n in (3, 7) for s in suffixes} | {"samples_3.npz", "samples_7.npz"}
+
+    samples = Samples.load(two / "samples_7.npz")
+    marked, plain = read_image(two / "em_7.pfm"), read_image(small_map)
+    blue = (marked == (0, 0, 1)).all(axis=2)
+    assert set(map(tuple, np.argwhere(blue)[:, ::-1])) == set(map(tuple, samples.pixel))
+    np.testing.assert_array_equal(marked[~blue], plain[~blue])
+
+    result = script("part3_shade", two / "samples_3.npz", two / "samples_7.npz", "--resolution", 20, "--out", three)
+    assert result.returncode == 0, result.stderr
+    assert names(three) == {f"sphere_{n}.{s}" for n in (3, 7) for s in suffixes}
+    assert read_image(three / "sphere_7.pfm").shape == (20, 20, 3)
+
+
+def test_a_pfm_and_an_exr_of_the_same_map_give_the_same_result(
+    script: Script, small_map: Path, tmp_path: Path
+) -> None:
+    exr = tmp_path / "map.exr"
+    write_image(exr, read_image(small_map))
+    for path in (small_map, exr):
+        out = tmp_path / path.suffix[1:]
+        assert script("part2_sample", "--map", path, "--counts", 50, "--out", out).returncode == 0
+    for name in ("em_50.pfm", "em_50.ppm"):
+        assert (tmp_path / "pfm" / name).read_bytes() == (tmp_path / "exr" / name).read_bytes()
+    pfm, exr_samples = (Samples.load(tmp_path / kind / "samples_50.npz") for kind in ("pfm", "exr"))
+    np.testing.assert_array_equal(pfm.pixel, exr_samples.pixel)
+    np.testing.assert_array_equal(pfm.probability, exr_samples.probability)
+
+
+def test_a_map_that_is_not_two_to_one_is_used_with_a_note(script: Script, tmp_path: Path) -> None:
+    write_image(tmp_path / "odd.exr", stiff_radiance(9, 11))
+    result = script("part2_sample", "--map", tmp_path / "odd.exr", "--counts", 4, "--out", tmp_path / "out")
+    assert result.returncode == 0
+    assert "note: the map is 11 x 9" in result.stderr
+
+
+def test_bad_pixels_are_refused_unless_sanitised(script: Script, tmp_path: Path) -> None:
+    radiance = stiff_radiance(8, 16)
+    radiance[4, 9] = -1
+    radiance[5, 2, 1] = np.nan
+    write_image(tmp_path / "bad.pfm", radiance)
+    arguments = ("part2_sample", "--map", tmp_path / "bad.pfm", "--counts", 4, "--out", tmp_path / "out")
+    fails_in_one_line(script(*arguments), "2 bad pixels", "x = 9, y = 4", "--sanitize")
+    assert script(*arguments, "--sanitize").returncode == 0
+
+
+def test_a_black_map_has_nothing_to_sample(script: Script, tmp_path: Path) -> None:
+    write_image(tmp_path / "black.pfm", np.zeros((8, 16, 3), np.float32))
+    out = tmp_path / "out"
+    fails_in_one_line(script("part2_sample", "--map", tmp_path / "black.pfm", "--out", out), "black everywhere")
+    assert names(out) == set()
+
+
+@pytest.mark.parametrize("script_name", ["part2_sample", "part3_shade"])
+def test_missing_and_damaged_files_are_one_line(script: Script, tmp_path: Path, script_name: str) -> None:
+    option = ("--map",) if script_name == "part2_sample" else ()
+    broken = tmp_path / "broken.exr"
+    broken.write_bytes(b"v/1\x01 then nothing")
+    for path in (tmp_path / "missing.exr", broken, tmp_path, tmp_path / "two\nlines.exr"):
+        result = script(script_name, *option, path, "--out", tmp_path / "out")
+        fails_in_one_line(result, tmp_path.name)
+
+
+def test_an_output_folder_that_cannot_be_written_is_one_line(
+    script: Script, small_map: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "file").touch()
+    for out in (tmp_path / "file", tmp_path / "file" / "below", "/proc/nowhere"):
+        result = script("part2_sample", "--map", small_map, "--counts", 4, "--out", out)
+        fails_in_one_line(result, "--out")
+
+
+def test_two_sets_of_one_size_are_refused(script: Script, small_map: Path, tmp_path: Path) -> None:
+    script("part2_sample", "--map", small_map, "--counts", 4, "--out", tmp_path)
+    path = tmp_path / "samples_4.npz"
+    fails_in_one_line(script("part3_shade", path, path, "--out", tmp_path / "out"), "4 samples")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("part2_sample", "--counts", "0"),
+        ("part2_sample", "--counts", "-4"),
+        ("part2_sample", "--counts", "many"),
+        ("part2_sample", "--seed", "-1"),
+        ("part2_sample", "--gamma", "0"),
+        ("part2_sample", "--exposure", "nan"),
+        ("part2_sample", "--sequence", "magic"),
+        ("part3_shade",),
+        ("part3_shade", "x.npz", "--albedo", "-1"),
+        ("part3_shade", "x.npz", "--resolution", "0"),
+        ("part3_shade", "x.npz", "--unknown"),
+    ],
+)
+def test_a_wrong_command_line_exits_with_2(script: Script, arguments: tuple[str, ...]) -> None:
+    result = script(*arguments)
+    assert result.returncode == 2
+    assert "Traceback" not in result.stderr
+
+
+def test_an_unknown_device_is_one_line(script: Script, small_map: Path, tmp_path: Path) -> None:
+    result = script("part2_sample", "--map", small_map, "--device", "Voodoo 2", "--out", tmp_path)
+    fails_in_one_line(result, "Voodoo 2")
+    result = script("part2_sample", "--map", small_map, "--out", tmp_path, PYOPENCL_CTX="Voodoo 3")
+    fails_in_one_line(result, "Voodoo 3")
+
+
+def test_markers_wrap_at_the_sides_and_are_clipped_at_the_poles() -> None:
+    image = np.zeros((6, 8, 3))
+    mark_pixels(image, np.array([[0, 0], [7, 5]]), 3, (0, 0, 1))
+    expected = np.zeros((6, 8), bool)
+    expected[np.ix_([0, 1], [7, 0, 1])] = True
+    expected[np.ix_([4, 5], [6, 7, 0])] = True
+    np.testing.assert_array_equal(image[..., 2], expected)
+    assert not image[..., :2].any()

@@ -1,0 +1,110 @@
+"""The sphere under directional lights meets the float64 sum, pixel by pixel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conftest import stiff_radiance
+from lightdome import reference
+from lightdome.device import Device
+from lightdome.disc import disc_mask, disc_tiles
+from lightdome.distribution import build_distribution
+from lightdome.envmap import EnvironmentMap
+from lightdome.errors import LightdomeError
+from lightdome.sphere import exact, shade, shade_samples
+
+RESOLUTIONS = [1, 2, 3, 10, 63, 64, 101]
+
+
+def inside(resolution: int) -> np.ndarray:
+    return ~np.isnan(reference.normals(resolution)[..., 0])
+
+
+@pytest.mark.parametrize("resolution", RESOLUTIONS)
+@pytest.mark.parametrize(("pixels", "rows"), [(1, 1), (16, 1), (16, 4)])
+def test_tiles_cover_the_disc_once(resolution: int, pixels: int, rows: int) -> None:
+    covered = np.zeros((resolution + rows, resolution + pixels), int)
+    for x, y in disc_tiles(resolution, pixels, rows):
+        covered[y : y + rows, x : x + pixels] += 1
+    np.testing.assert_array_equal(disc_mask(resolution), inside(resolution))
+    assert (covered[:resolution, :resolution][disc_mask(resolution)] == 1).all()
+    assert covered.max() == 1
+    if pixels == rows == 1:
+        assert covered.sum() == disc_mask(resolution).sum()  # nothing outside costs anything
+
+
+@pytest.mark.parametrize("resolution", RESOLUTIONS)
+@pytest.mark.parametrize("count", [1, 127, 300])
+def test_shared_samples_meet_the_float64_sum(
+    device: Device, stiff: EnvironmentMap, resolution: int, count: int
+) -> None:
+    samples = build_distribution(device, stiff).sample(count)
+    image = shade_samples(device, samples, resolution, albedo=0.7)
+    mask = inside(resolution)
+    expected = reference.shade(
+        reference.normals(resolution)[mask], samples.direction, samples.radiance, samples.density, 0.7
+    )
+    assert np.abs(image[mask] - expected).max() < 1e-6 * expected.max()
+    assert not image[~mask].any()
+
+
+def test_the_exact_image_meets_the_float64_sum(device: Device) -> None:
+    radiance = stiff_radiance(64, 128)
+    image = exact(device, EnvironmentMap(radiance), 33)
+    mask = inside(33)
+    expected = reference.exact(radiance, reference.normals(33)[mask])
+    np.testing.assert_allclose(image[mask], expected, rtol=2e-6)
+
+
+def test_under_a_constant_map_the_sphere_has_the_maps_colour(device: Device) -> None:
+    envmap = EnvironmentMap(np.full((128, 256, 3), (0.25, 0.5, 1), np.float32))
+    image = exact(device, envmap, 32)
+    mask = inside(32)
+    # The sum over pixels is a midpoint rule: (pi / H)^2 away from the integral at most.
+    np.testing.assert_allclose(image[mask] / np.array([0.25, 0.5, 1]), 1, atol=6e-4)
+
+
+@pytest.mark.parametrize(
+    ("axis", "pixel"),
+    [((1, 0, 0), (50, 100)), ((-1, 0, 0), (50, 0)), ((0, 1, 0), (0, 50)), ((0, -1, 0), (100, 50)), ((0, 0, 1), (50, 50))],
+)
+def test_light_from_an_axis_is_brightest_where_the_axis_is(
+    device: Device, axis: tuple[int, int, int], pixel: tuple[int, int]
+) -> None:
+    image = shade(device, np.array([axis], np.float32), np.full((1, 3), np.pi), 101)
+    assert image[pixel].max() == image.max()
+    assert image.max() == pytest.approx(1, abs=2e-2)
+
+
+def test_light_from_behind_gives_black(device: Device) -> None:
+    assert not shade(device, np.array([[0, 0, -1]], np.float32), np.ones((1, 3)), 64).any()
+
+
+def test_albedo_scales_the_image(device: Device, stiff: EnvironmentMap) -> None:
+    samples = build_distribution(device, stiff).sample(64)
+    white = shade_samples(device, samples, 32)
+    np.testing.assert_array_equal(shade_samples(device, samples, 32, albedo=0.5), white / 2)
+    assert not shade_samples(device, samples, 32, albedo=0).any()
+
+
+def test_samples_converge_to_the_exact_image(device: Device) -> None:
+    envmap = EnvironmentMap(stiff_radiance(64, 128))
+    target = exact(device, envmap, 32)
+    distribution = build_distribution(device, envmap)
+    errors = [
+        np.mean(
+            [reference.relative_rmse(shade_samples(device, distribution.sample(n, s), 32), target) for s in range(8)]
+        )
+        for n in (64, 1024, 16384)
+    ]
+    np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 4, rtol=0.4)
+
+
+def test_a_black_map_gives_black(device: Device) -> None:
+    assert not exact(device, EnvironmentMap(np.zeros((4, 8, 3))), 16).any()
+
+
+@pytest.mark.parametrize("resolution", [0, -1, 16385])
+def test_other_resolutions_are_refused(device: Device, resolution: int) -> None:
+    with pytest.raises(LightdomeError, match="resolution"):
+        shade(device, np.zeros((1, 3)), np.zeros((1, 3)), resolution)
