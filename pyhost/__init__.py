@@ -1,3 +1,78 @@
-"""lightdome: image-based lighting with OpenCL."""
+"""lightdome: image-based lighting with OpenCL.
+
+    import lightdome
+
+    device = lightdome.open_device()
+    envmap = lightdome.EnvironmentMap.read("map.exr")
+    distribution = lightdome.build_distribution(device, envmap)
+    samples = distribution.sample(1024, seed=1)
+    image = lightdome.shade_samples(device, samples, resolution=511)
+    lightdome.write_image("sphere.pfm", image)
+
+Data flows one way: a map (:mod:`.envmap`) becomes a distribution (:mod:`.distribution`), that becomes
+samples (:mod:`.samples`), and those light a sphere (:mod:`.sphere`). :mod:`.render` draws the same
+sphere per pixel, :mod:`.pbrt` lets PBRT draw it, :mod:`.fresnel` stands alone, and :mod:`.reference`
+holds what all of it is checked against.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
 
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from .device import Device, open_device
+    from .distribution import Distribution, build_distribution
+    from .envmap import EnvironmentMap
+    from .errors import LightdomeError
+    from .images import auto_exposure, read_image, tone_map, write_image
+    from .samples import Samples
+    from .sphere import exact, shade, shade_samples
+
+# Loaded when first used: Fresnel needs no OpenCL, shading no image library.
+_HOME = {
+    "Device": "device",
+    "open_device": "device",
+    "Distribution": "distribution",
+    "build_distribution": "distribution",
+    "EnvironmentMap": "envmap",
+    "LightdomeError": "errors",
+    "auto_exposure": "images",
+    "read_image": "images",
+    "tone_map": "images",
+    "write_image": "images",
+    "Samples": "samples",
+    "exact": "sphere",
+    "shade": "sphere",
+    "shade_samples": "sphere",
+}
+
+__all__ = [
+    "Device",
+    "Distribution",
+    "EnvironmentMap",
+    "LightdomeError",
+    "Samples",
+    "__version__",
+    "auto_exposure",
+    "build_distribution",
+    "exact",
+    "open_device",
+    "read_image",
+    "shade",
+    "shade_samples",
+    "tone_map",
+    "write_image",
+]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{_HOME[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -64,7 +64,10 @@ def parser(description: str, example: str, out: str) -> argparse.ArgumentParser:
 
 
 def map_options(parser: argparse.ArgumentParser) -> None:
-    """Add ``--map`` and ``--sanitize``, for :func:`load_map`; the default lies in ``data/`` beside ``scripts/``."""
+    """Add ``--map`` and ``--sanitize``, for :func:`load_map`.
+
+    The default is Grace if it is in ``data/`` beside ``scripts/``, else the map that ships.
+    """
     data = Path(sys.argv[0]).resolve().parent.parent / "data"
     grace = data / "grace_latlong.exr"
     parser.add_argument(
@@ -74,9 +77,7 @@ def map_options(parser: argparse.ArgumentParser) -> None:
         default=grace if grace.exists() else data / "default.exr",
         help="latitude-longitude environment map: .exr, .hdr or .pfm",
     )
-    parser.add_argument(
-        "--sanitize", action="store_true", help="replace NaN, infinite and negative pixels by black"
-    )
+    parser.add_argument("--sanitize", action="store_true", help="replace NaN, infinite and negative pixels by black")
 
 
 def load_map(args: argparse.Namespace) -> EnvironmentMap:
@@ -101,7 +102,11 @@ def device_option(parser: argparse.ArgumentParser) -> None:
 def sphere_options(parser: argparse.ArgumentParser) -> None:
     """Add ``--resolution`` and ``--albedo``."""
     parser.add_argument(
-        "--resolution", type=positive_int, default=511, metavar="R", help="width and height of the images in pixels"
+        "--resolution",
+        type=positive_int,
+        default=511,
+        metavar="R",
+        help="width and height of the images in pixels",
     )
     parser.add_argument(
         "--albedo", type=non_negative_float, default=1.0, help="reflectance of the sphere, 0 black to 1 white"
@@ -115,7 +120,7 @@ def tone_options(parser: argparse.ArgumentParser) -> None:
         "--exposure",
         type=exposure,
         default="auto",
-        help="factor on the radiance in the .ppm and .png files, or auto: the 99th percentile becomes white",
+        help="factor on the radiance in the .ppm and .png files, or auto: the 95th percentile becomes white",
     )
 
 

@@ -8,6 +8,8 @@ The choice, first match wins: the caller's ``--device``, the environment variabl
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import os
 import re
 import subprocess
@@ -16,6 +18,7 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 
 from .errors import LightdomeError
 from .profile import Profile
@@ -26,7 +29,9 @@ with warnings.catch_warnings():
     import pyopencl as cl
 
 PROBE_SECONDS = 60.0
-NO_DEVICE = "no OpenCL device works here; run scripts/demo, which sets one up, or: apt-get install pocl-opencl-icd"
+NO_DEVICE = (
+    "no OpenCL device works here; run scripts/demo, which sets one up, or: apt-get install pocl-opencl-icd"
+)
 
 
 @dataclass(frozen=True)
@@ -137,6 +142,28 @@ def _preference(candidate: _Candidate) -> tuple[int, int, float]:
 
 
 def _works(candidate: _Candidate) -> bool:
+    """Whether the device passed the probe, now or once before: a pass is remembered, a failure is not."""
+    handle = candidate.handle
+    identity = [
+        handle.platform.name,
+        handle.platform.version,
+        handle.name,
+        handle.driver_version,
+        cl.VERSION_TEXT,
+    ]
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "lightdome" / "devices"
+    passed = cache / hashlib.sha256("\0".join(identity).encode()).hexdigest()[:32]
+    if passed.exists():
+        return True
+    if not _passes_probe(candidate):
+        return False
+    with contextlib.suppress(OSError):  # no place to remember it: the next run probes again
+        cache.mkdir(parents=True, exist_ok=True)
+        passed.touch()
+    return True
+
+
+def _passes_probe(candidate: _Candidate) -> bool:
     command = [sys.executable, "-m", "lightdome.probe", str(candidate.platform), str(candidate.index)]
     try:
         return subprocess.run(command, capture_output=True, timeout=PROBE_SECONDS).returncode == 0
@@ -146,7 +173,9 @@ def _works(candidate: _Candidate) -> bool:
 
 def _description(handle: cl.Device) -> str:
     version = handle.platform.version.removeprefix("OpenCL ").strip()
-    return f"{handle.name.strip()}, {handle.platform.name.strip()} ({' '.join(version.split()[1:3]) or version})"
+    return (
+        f"{handle.name.strip()}, {handle.platform.name.strip()} ({' '.join(version.split()[1:3]) or version})"
+    )
 
 
 def _open(handle: cl.Device) -> Device:

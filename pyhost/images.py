@@ -85,9 +85,7 @@ def _check_size(path: Path, file_bytes: int, spec: oiio.ImageSpec) -> None:
             f"{path}: its data window is not its display window, so it is no whole environment map; save it uncropped"
         )
     if width * height * channels > MAX_COMPRESSION * file_bytes:
-        raise LightdomeError(
-            f"{path} is damaged: it claims {width} x {height} pixels but has only {file_bytes} bytes"
-        )
+        raise LightdomeError(f"{path} is damaged: it claims {width} x {height} pixels but has only {file_bytes} bytes")
 
 
 def _first_line(message: str) -> str:
@@ -95,13 +93,13 @@ def _first_line(message: str) -> str:
 
 
 def auto_exposure(radiance: np.ndarray) -> float:
-    """The factor that brings the 99th percentile of the pixels' largest channel to 1.
+    """The factor that brings the 95th percentile of the pixels' largest channel to 1.
 
     Black pixels do not count: a sphere's background must not change its exposure. 1 for a black image.
     """
     brightest = radiance.max(axis=-1)
     lit = brightest[brightest > 0]
-    level = float(np.percentile(lit, 99)) if lit.size else 1.0
+    level = float(np.percentile(lit, 95)) if lit.size else 1.0
     return min(1.0 / level, 3e38) if level > 0 else 1.0
 
 

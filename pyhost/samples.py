@@ -107,9 +107,7 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
                 try:
                     member = archive.getinfo(f"{name}.npy")
                 except KeyError:
-                    raise LightdomeError(
-                        f"{path} is no file of samples: it has no array {name!r}"
-                    ) from None
+                    raise LightdomeError(f"{path} is no file of samples: it has no array {name!r}") from None
                 with archive.open(member) as stream:
                     major, _ = np.lib.format.read_magic(stream)
                     if major != 1:
@@ -121,7 +119,9 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
                 if len(found) != len(wanted) or any(
                     n not in ("N", f) for n, f in zip(wanted, found, strict=True)
                 ):
-                    raise LightdomeError(f"{path}: the array {name!r} has shape {found}, not {_shape(wanted)}")
+                    raise LightdomeError(
+                        f"{path}: the array {name!r} has shape {found}, not {_shape(wanted)}"
+                    )
                 count = found[0] if "N" in shape else count
                 if count is not None and not 0 < count <= MAX_SAMPLES:
                     raise LightdomeError(f"{path}: holds {count} samples; 1 to {MAX_SAMPLES} can be used")

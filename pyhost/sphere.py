@@ -70,9 +70,7 @@ def shade(
     return buffers.download(device, image)
 
 
-def shade_samples(
-    device: Device, samples: Samples, resolution: int = 511, albedo: float = 1.0
-) -> np.ndarray:
+def shade_samples(device: Device, samples: Samples, resolution: int = 511, albedo: float = 1.0) -> np.ndarray:
     """Light the sphere with one set of samples for all pixels: unbiased, its error the same everywhere.
 
     See :func:`shade` for the image and the errors raised.
@@ -80,9 +78,7 @@ def shade_samples(
     return shade(device, samples.direction, samples.flux, resolution, albedo)
 
 
-def exact(
-    device: Device, envmap: EnvironmentMap, resolution: int = 511, albedo: float = 1.0
-) -> np.ndarray:
+def exact(device: Device, envmap: EnvironmentMap, resolution: int = 511, albedo: float = 1.0) -> np.ndarray:
     """The image that every estimator converges to: each pixel of the map once, weighted by its solid angle.
 
     See :func:`shade` for the image and the errors raised.

@@ -13,7 +13,12 @@ def main() -> None:
     )
     cli.map_options(parser)
     parser.add_argument(
-        "--counts", type=cli.positive_int, nargs="+", default=[64, 256, 1024], metavar="N", help="samples to draw"
+        "--counts",
+        type=cli.positive_int,
+        nargs="+",
+        default=[64, 256, 1024],
+        metavar="N",
+        help="samples to draw",
     )
     parser.add_argument("--sequence", choices=["independent"], default="independent", help="kind of points")
     parser.add_argument("--seed", type=cli.seed, default=0, help="seed of the points, a whole number")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pyopencl as cl
@@ -39,14 +40,25 @@ def test_an_unknown_device_is_named_with_what_there_is(device: Device) -> None:
 
 
 def test_a_device_that_fails_the_probe_does_not_count(
-    device: Device, monkeypatch: pytest.MonkeyPatch
+    device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     # The child finds no lightdome to import: as good as a compiler that aborts.
     monkeypatch.setattr(sys, "executable", "/bin/false")
     with pytest.raises(LightdomeError, match="no OpenCL device works here"):
         open_device()
     with pytest.raises(LightdomeError, match="does not compile and run"):
         open_device(device.handle.name)
+    assert not list(tmp_path.rglob("*"))
+
+
+def test_a_device_that_passed_the_probe_is_remembered(
+    device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert open_device(device.handle.name).handle == device.handle
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    assert open_device(device.handle.name).handle == device.handle
 
 
 def test_the_probe_names_the_best_device() -> None:

@@ -102,7 +102,9 @@ def test_auto_exposure_ignores_the_black_background() -> None:
     assert auto_exposure(image * 0) == 1
 
 
-@pytest.mark.parametrize(("name", "content"), [("a.pfm", pfm(IMAGE)), ("a.exr", exr(IMAGE)), ("a.hdr", hdr(IMAGE, b"-Y 2 +X 4"))])
+@pytest.mark.parametrize(
+    ("name", "content"), [("a.pfm", pfm(IMAGE)), ("a.exr", exr(IMAGE)), ("a.hdr", hdr(IMAGE, b"-Y 2 +X 4"))]
+)
 def test_a_truncated_file_is_refused_in_one_line(tmp_path: Path, name: str, content: bytes) -> None:
     path = tmp_path / name
     for length in {0, 1, 11, len(content) // 2, len(content) - 9, len(content) - 1}:

@@ -64,8 +64,11 @@ def test_every_truncation_and_flipped_byte_is_read_or_refused(saved: Path) -> No
         try:
             Samples.load(saved)
         except LightdomeError as error:
-            assert str(saved) in str(error)
-            assert "\n" not in str(error)
+            message = str(error)
+        else:
+            continue
+        assert str(saved) in message
+        assert "\n" not in message
 
 
 def rewrite(path: Path, **changes: Any) -> None:
@@ -94,9 +97,7 @@ def rewrite(path: Path, **changes: Any) -> None:
         ({"sequence": np.array(3)}, "wrong type"),
     ],
 )
-def test_arrays_that_contradict_each_other_are_refused(
-    saved: Path, changes: dict[str, Any], message: str
-) -> None:
+def test_arrays_that_contradict_each_other_are_refused(saved: Path, changes: dict[str, Any], message: str) -> None:
     rewrite(saved, **changes)
     with pytest.raises(LightdomeError, match=message):
         Samples.load(saved)
@@ -124,15 +125,13 @@ def test_a_pickle_is_never_read(saved: Path) -> None:
     with pytest.raises(LightdomeError, match="wrong type"):
         Samples.load(saved)
     saved.write_bytes(pickle.dumps(Bomb()))
-    with pytest.raises(LightdomeError, match="no .npz file"):
+    with pytest.raises(LightdomeError, match=r"no \.npz file"):
         Samples.load(saved)
 
 
 def test_a_header_that_lies_about_the_size_costs_no_memory(saved: Path) -> None:
     array = io.BytesIO()
-    np.lib.format.write_array_header_1_0(
-        array, {"descr": "<f4", "fortran_order": False, "shape": (2**26, 3)}
-    )
+    np.lib.format.write_array_header_1_0(array, {"descr": "<f4", "fortran_order": False, "shape": (2**26, 3)})
     with zipfile.ZipFile(saved, "w") as archive:
         archive.writestr("direction.npy", array.getvalue())
     with pytest.raises(LightdomeError, match="not as long as it says"):

@@ -29,7 +29,10 @@ def test_parts_2_and_3_end_to_end(script: Script, small_map: Path, tmp_path: Pat
     assert result.returncode == 0, result.stderr
     assert "device: " in result.stdout
     suffixes = ("pfm", "ppm", "png")
-    assert names(two) == {f"em_{n}.{s}" for n in (3, 7) for s in suffixes} | {"samples_3.npz", "samples_7.npz"}
+    assert names(two) == {f"em_{n}.{s}" for n in (3, 7) for s in suffixes} | {
+        "samples_3.npz",
+        "samples_7.npz",
+    }
 
     samples = Samples.load(two / "samples_7.npz")
     marked, plain = read_image(two / "em_7.pfm"), read_image(small_map)
@@ -43,9 +46,7 @@ def test_parts_2_and_3_end_to_end(script: Script, small_map: Path, tmp_path: Pat
     assert read_image(three / "sphere_7.pfm").shape == (20, 20, 3)
 
 
-def test_a_pfm_and_an_exr_of_the_same_map_give_the_same_result(
-    script: Script, small_map: Path, tmp_path: Path
-) -> None:
+def test_a_pfm_and_an_exr_of_the_same_map_give_the_same_result(script: Script, small_map: Path, tmp_path: Path) -> None:
     exr = tmp_path / "map.exr"
     write_image(exr, read_image(small_map))
     for path in (small_map, exr):
@@ -92,9 +93,7 @@ def test_missing_and_damaged_files_are_one_line(script: Script, tmp_path: Path, 
         fails_in_one_line(result, tmp_path.name)
 
 
-def test_an_output_folder_that_cannot_be_written_is_one_line(
-    script: Script, small_map: Path, tmp_path: Path
-) -> None:
+def test_an_output_folder_that_cannot_be_written_is_one_line(script: Script, small_map: Path, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     for out in (tmp_path / "file", tmp_path / "file" / "below", "/proc/nowhere"):
         result = script("part2_sample", "--map", small_map, "--counts", 4, "--out", out)

@@ -66,7 +66,13 @@ def test_under_a_constant_map_the_sphere_has_the_maps_colour(device: Device) -> 
 
 @pytest.mark.parametrize(
     ("axis", "pixel"),
-    [((1, 0, 0), (50, 100)), ((-1, 0, 0), (50, 0)), ((0, 1, 0), (0, 50)), ((0, -1, 0), (100, 50)), ((0, 0, 1), (50, 50))],
+    [
+        ((1, 0, 0), (50, 100)),
+        ((-1, 0, 0), (50, 0)),
+        ((0, 1, 0), (0, 50)),
+        ((0, -1, 0), (100, 50)),
+        ((0, 0, 1), (50, 50)),
+    ],
 )
 def test_light_from_an_axis_is_brightest_where_the_axis_is(
     device: Device, axis: tuple[int, int, int], pixel: tuple[int, int]
