@@ -11,7 +11,6 @@
 //
 // One work-item a pixel. Sample s of pixel i is point s of stream i, whatever ran before.
 
-#define SEQUENCE_INDEPENDENT
 #include "sequence.clh"
 #include "invert_cdf.clh"
 
@@ -40,7 +39,7 @@ kernel void render(global const uint *restrict row_cdf,
 
     float3 mean = 0.0f;
     for (uint s = begin; s < end; ++s) {
-        const uint2 u = independent_point(s, index, seed);
+        const uint2 u = sequence_point(s, 0u, index, seed);
         const uint y = invert_cdf(marginal_cdf, height, u.y);
         const uint x = invert_cdf(row_cdf + (size_t)y * width, width, u.x);
         const float2 t = theta[y], p = phi[x];

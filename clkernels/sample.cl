@@ -11,7 +11,9 @@
 //
 // One work-item a sample.
 
+#ifndef SEQUENCE_GIVEN
 #include "sequence.clh"
+#endif
 #include "invert_cdf.clh"
 
 #pragma OPENCL FP_CONTRACT OFF
@@ -39,7 +41,7 @@ kernel void sample(global const uint *restrict row_cdf,
 #ifdef SEQUENCE_GIVEN
     const uint2 u = points[i];
 #else
-    const uint2 u = independent_point(i, 0u, seed);
+    const uint2 u = sequence_point(i, get_global_size(0), 0u, seed);
 #endif
 
     const uint y = invert_cdf(marginal_cdf, height, u.y);

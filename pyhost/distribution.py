@@ -50,6 +50,10 @@ class Distribution:
     def sample(self, count: int, seed: int = 0, sequence: str = "independent") -> Samples:
         """Draw ``count`` samples. The same ``seed`` gives the same samples on every device.
 
+        ``sequence`` is what the points are (``clkernels/sequence.clh``): ``independent``, ``stratified``
+        in cells of equal area for any count, ``sobol`` with Owen's scramble, or the lattice ``r2``. The
+        first n of more samples are the samples of n, except for ``stratified``.
+
         Raises :class:`LightdomeError` if the map is black or ``count`` is not positive.
         """
         if sequence not in SEQUENCES:
@@ -69,13 +73,9 @@ class Distribution:
         if not ((points >= 0) & (points < 1)).all():
             raise LightdomeError("points lie in [0, 1)")
         bits = np.floor(points * 2.0**32).astype(np.uint32)
-        return self._sample(
-            len(bits), buffers.upload(self.device, bits).buffer, {"SEQUENCE_GIVEN": 1}, "given", 0
-        )
+        return self._sample(len(bits), buffers.upload(self.device, bits).buffer, {"SEQUENCE_GIVEN": 1}, "given", 0)
 
-    def _sample(
-        self, count: int, points: object, defines: dict[str, int], sequence: str, seed: int
-    ) -> Samples:
+    def _sample(self, count: int, points: object, defines: dict[str, int], sequence: str, seed: int) -> Samples:
         if self.total == 0:
             raise LightdomeError(BLACK)
         device = self.device

@@ -37,7 +37,7 @@ def render(
     device, envmap = distribution.device, distribution.envmap
     total = buffers.zeros(device, (resolution, resolution, 3), np.float32)
     disc = buffers.upload(device, disc_tiles(resolution, 1, 1))
-    kernel = device.kernel("render")
+    kernel = device.kernel("render", SEQUENCE_INDEPENDENT=1)
     step = max(1, SAMPLES_A_LAUNCH // disc.shape[0])
     done = 0
     with Progress("rendering") as progress:

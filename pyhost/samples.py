@@ -14,7 +14,7 @@ from .errors import LightdomeError
 from .files import replacing
 
 MAX_SAMPLES = 2**27  # what a file may hold; 44 bytes each
-SEQUENCES = ("independent",)
+SEQUENCES = ("independent", "stratified", "sobol", "r2")
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 """Part 2: draw light directions from an environment map and show where they fell."""
 
 from lightdome import cli
+from lightdome.samples import SEQUENCES
 
 
 def main() -> None:
@@ -20,7 +21,9 @@ def main() -> None:
         metavar="N",
         help="samples to draw",
     )
-    parser.add_argument("--sequence", choices=["independent"], default="independent", help="kind of points")
+    parser.add_argument(
+        "--sequence", choices=SEQUENCES, default=SEQUENCES[0], help="the points that samples are made of"
+    )
     parser.add_argument("--seed", type=cli.seed, default=0, help="seed of the points, a whole number")
     parser.add_argument(
         "--marker", type=cli.positive_int, default=5, metavar="M", help="side of the blue squares in pixels"

@@ -54,9 +54,7 @@ def script() -> Script:
 
     def run(name: str, *args: object, **environment: str) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, str(ROOT / "scripts" / f"{name}.py"), *map(str, args)]
-        return subprocess.run(
-            command, capture_output=True, text=True, timeout=120, env={**os.environ, **environment}
-        )
+        return subprocess.run(command, capture_output=True, text=True, timeout=120, env={**os.environ, **environment})
 
     return run
 

@@ -100,9 +100,7 @@ def test_default_map_lights_warmly_from_the_upper_left_and_coolly_from_the_right
     height, width, _ = pixels.shape
     theta = np.pi * (np.arange(height)[:, None] + 0.5) / height
     phi = 2 * np.pi * (np.arange(width) + 0.5) / width
-    direction = np.stack(
-        [np.sin(theta) * np.cos(phi), np.cos(theta) + 0 * phi, np.sin(theta) * np.sin(phi)], axis=2
-    )
+    direction = np.stack([np.sin(theta) * np.cos(phi), np.cos(theta) + 0 * phi, np.sin(theta) * np.sin(phi)], axis=2)
     weight = np.sin(theta) * 2 * np.pi**2 / (width * height)
 
     def irradiance(x: float, y: float, z: float) -> np.ndarray:
@@ -317,9 +315,7 @@ def test_a_silent_server_is_given_up(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_right_file_arrives_and_replaces_a_wrong_one(
-    server: str, tmp_path: Path, get_grace: ModuleType
-) -> None:
+def test_the_right_file_arrives_and_replaces_a_wrong_one(server: str, tmp_path: Path, get_grace: ModuleType) -> None:
     expected = {"size": len(BODY), "sha256": hashlib.sha256(BODY).hexdigest()}
     out = tmp_path / "g.exr"
     out.write_bytes(b"wrong")

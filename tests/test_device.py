@@ -21,9 +21,7 @@ def test_a_device_is_found_by_part_of_its_name(device: Device) -> None:
     assert open_device(f"{device.handle.platform.name}:0").handle.platform == device.handle.platform
 
 
-def test_pyopencl_ctx_is_followed_and_the_argument_goes_first(
-    device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_pyopencl_ctx_is_followed_and_the_argument_goes_first(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYOPENCL_CTX", "no such thing")
     with pytest.raises(LightdomeError, match="no such thing"):
         open_device()

@@ -58,9 +58,7 @@ def test_cdfs_are_monotone_and_steps_are_the_weights(device: Device, shape: tupl
     np.testing.assert_allclose(steps[lit] / cdf[lit, -1:], expected, atol=2.0**-30, rtol=1e-6)
 
 
-def test_a_million_draws_pass_chi_square_and_only_with_sin_theta(
-    device: Device, stiff: EnvironmentMap
-) -> None:
+def test_a_million_draws_pass_chi_square_and_only_with_sin_theta(device: Device, stiff: EnvironmentMap) -> None:
     seen = counts(build_distribution(device, stiff).sample(1_000_000))
     assert abs(chi_square_z(seen, reference.probability(stiff.radiance))) < 4
     without = reference.luminance(stiff.radiance)

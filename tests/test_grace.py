@@ -60,9 +60,7 @@ def test_shading_meets_float64(device: Device, distribution: Distribution) -> No
     samples = distribution.sample(1024)
     image = shade_samples(device, samples, 511)
     mask = disc_mask(511)
-    expected = reference.shade(
-        reference.normals(511)[mask], samples.direction, samples.radiance, samples.density
-    )
+    expected = reference.shade(reference.normals(511)[mask], samples.direction, samples.radiance, samples.density)
     assert np.abs(image[mask] - expected).max() < 1e-6 * expected.max()
 
 
