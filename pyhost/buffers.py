@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import pyopencl as cl
 
 from .device import Device
+from .errors import LightdomeError
 
 
 @dataclass(frozen=True)
@@ -21,35 +23,54 @@ class DeviceArray:
 
 
 def upload(device: Device, array: np.ndarray, stage: str = "upload") -> DeviceArray:
-    """Make ``array`` readable for kernels. Shared memory is not copied: leave ``array`` unchanged."""
+    """Make ``array`` readable for kernels. Shared memory is not copied: leave ``array`` unchanged.
+
+    Raises :class:`LightdomeError` if the device has not the room.
+    """
     array = np.ascontiguousarray(array)
     flags = cl.mem_flags.READ_ONLY
     if device.shares_host_memory:
-        buffer = cl.Buffer(device.context, flags | cl.mem_flags.USE_HOST_PTR, hostbuf=array)
-        return DeviceArray(buffer, array.shape, array.dtype, array)
-    buffer = cl.Buffer(device.context, flags, array.nbytes)
+        return DeviceArray(_buffer(device, flags, array.nbytes, array), array.shape, array.dtype, array)
+    buffer = _buffer(device, flags, array.nbytes, None)
     device.profile.record(stage, cl.enqueue_copy(device.queue, buffer, array, is_blocking=False))
     return DeviceArray(buffer, array.shape, array.dtype, None)
 
 
 def empty(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceArray:
-    """Room for a kernel's result, not initialised."""
+    """Room for a kernel's result, not initialised. Raises :class:`LightdomeError` if there is none."""
     shape = (shape,) if isinstance(shape, int) else shape
     kind = np.dtype(dtype)
-    flags = cl.mem_flags.READ_WRITE
-    if device.shares_host_memory:
-        host = np.empty(shape, kind)
-        return DeviceArray(
-            cl.Buffer(device.context, flags | cl.mem_flags.USE_HOST_PTR, hostbuf=host), shape, kind, host
+    size = math.prod(shape) * kind.itemsize
+    _check_room(device, size)
+    host = np.empty(shape, kind) if device.shares_host_memory else None
+    return DeviceArray(_buffer(device, cl.mem_flags.READ_WRITE, size, host), shape, kind, host)
+
+
+def _check_room(device: Device, size: int) -> None:
+    room = device.handle.max_mem_alloc_size
+    if size > room:
+        raise LightdomeError(
+            f"the device holds arrays of up to {room >> 20} MiB and this needs {size >> 20} MiB;"
+            " use fewer samples, a smaller map or image, or another --device"
         )
-    size = int(np.prod(shape, dtype=np.int64)) * kind.itemsize
-    return DeviceArray(cl.Buffer(device.context, flags, size), shape, kind, None)
+
+
+def _buffer(device: Device, flags: int, size: int, host: np.ndarray | None) -> cl.Buffer:
+    _check_room(device, size)
+    try:
+        if host is None:
+            return cl.Buffer(device.context, flags, size)
+        return cl.Buffer(device.context, flags | cl.mem_flags.USE_HOST_PTR, hostbuf=host)
+    except cl.Error as error:
+        raise LightdomeError(
+            f"the device has no room for {size >> 20} MiB ({error}); use fewer samples or a smaller map"
+        ) from error
 
 
 def zeros(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceArray:
     """Room for a kernel's result, all zero."""
     array = empty(device, shape, dtype)
-    size = int(np.prod(array.shape, dtype=np.int64)) * array.dtype.itemsize
+    size = math.prod(array.shape) * array.dtype.itemsize
     device.profile.record("clear", cl.enqueue_fill_buffer(device.queue, array.buffer, np.uint8(0), 0, size))
     return array
 
