@@ -95,7 +95,8 @@ def device_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--device",
         metavar="NAME",
-        help="OpenCL device: PLATFORM[:DEVICE], indices or parts of names (default: $PYOPENCL_CTX, else the best that works)",
+        help="OpenCL device: PLATFORM[:DEVICE], indices or parts of names"
+        " (default: $PYOPENCL_CTX, else the best that works)",
     )
 
 

@@ -9,7 +9,6 @@ The choice, first match wins: the caller's ``--device``, the environment variabl
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import os
 import re
 import subprocess
@@ -18,8 +17,8 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 
+from .cache import cache_folder, key_of
 from .errors import LightdomeError
 from .profile import Profile
 from .programs import Programs
@@ -29,9 +28,7 @@ with warnings.catch_warnings():
     import pyopencl as cl
 
 PROBE_SECONDS = 60.0
-NO_DEVICE = (
-    "no OpenCL device works here; run scripts/demo, which sets one up, or: apt-get install pocl-opencl-icd"
-)
+NO_DEVICE = "no OpenCL device works here; run scripts/demo, which sets one up, or: apt-get install pocl-opencl-icd"
 
 
 @dataclass(frozen=True)
@@ -151,14 +148,13 @@ def _works(candidate: _Candidate) -> bool:
         handle.driver_version,
         cl.VERSION_TEXT,
     ]
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "lightdome" / "devices"
-    passed = cache / hashlib.sha256("\0".join(identity).encode()).hexdigest()[:32]
+    passed = cache_folder("devices") / key_of(*identity)
     if passed.exists():
         return True
     if not _passes_probe(candidate):
         return False
     with contextlib.suppress(OSError):  # no place to remember it: the next run probes again
-        cache.mkdir(parents=True, exist_ok=True)
+        passed.parent.mkdir(parents=True, exist_ok=True)
         passed.touch()
     return True
 
@@ -173,9 +169,7 @@ def _passes_probe(candidate: _Candidate) -> bool:
 
 def _description(handle: cl.Device) -> str:
     version = handle.platform.version.removeprefix("OpenCL ").strip()
-    return (
-        f"{handle.name.strip()}, {handle.platform.name.strip()} ({' '.join(version.split()[1:3]) or version})"
-    )
+    return f"{handle.name.strip()}, {handle.platform.name.strip()} ({' '.join(version.split()[1:3]) or version})"
 
 
 def _open(handle: cl.Device) -> Device:

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from . import buffers
+from . import __version__, buffers
+from .cache import key_of, remembered
 from .device import Device
 from .disc import check_resolution, disc_tiles
 from .envmap import EnvironmentMap, column_angles, row_angles, solid_angles
@@ -76,6 +77,17 @@ def shade_samples(device: Device, samples: Samples, resolution: int = 511, albed
     See :func:`shade` for the image and the errors raised.
     """
     return shade(device, samples.direction, samples.flux, resolution, albedo)
+
+
+# Part of the key of kept images: change it when the camera or a map's orientation changes.
+CONVENTION = "row 0 up, phi from +x to +z, camera along -z"
+
+
+def exact_kept(device: Device, envmap: EnvironmentMap, resolution: int = 511) -> np.ndarray:
+    """:func:`exact` with albedo 1, from the cache on disk if the same map was summed before."""
+    key = key_of(CONVENTION, __version__, str(resolution), str(envmap.radiance.shape), envmap.radiance.data)
+    shape = (resolution, resolution, 3)
+    return remembered("exact", key, lambda: exact(device, envmap, resolution), shape)
 
 
 def exact(device: Device, envmap: EnvironmentMap, resolution: int = 511, albedo: float = 1.0) -> np.ndarray:
