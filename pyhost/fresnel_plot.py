@@ -216,9 +216,7 @@ def fresnel_figure(n_i: float, n_t: float, from_name: str = "side i", to_name: s
         reflected_p, reflected_s = fresnel(theta, n_i, n_t)
         figure, (ax,) = _figure(5.6, [1])
         ax.plot(x, reflected_s, "--", color=BLUE, linewidth=2, label="$R_s$, perpendicular", zorder=3)
-        ax.plot(
-            x, unpolarised(theta, n_i, n_t), "-", color=BLACK, linewidth=2.4, label="unpolarised", zorder=3
-        )
+        ax.plot(x, unpolarised(theta, n_i, n_t), "-", color=BLACK, linewidth=2.4, label="unpolarised", zorder=3)
         dots = (0, (1.2, 1.2))
         ax.plot(x, reflected_p, ls=dots, color=VERMILLION, linewidth=2.6, label="$R_p$, parallel", zorder=3)
         _heading(ax, _title("Fresnel reflectance", n_i, n_t, from_name, to_name))
@@ -230,14 +228,10 @@ def fresnel_figure(n_i: float, n_t: float, from_name: str = "side i", to_name: s
         if brewster is not None:
             at = np.degrees(brewster)
             # Beside its minimum rather than across the steep rise, where there is room for it.
-            near = (
-                Bbox([[0, 0], [np.degrees(critical), 1]]) if critical is not None and critical > 0.6 else None
-            )
+            near = Bbox([[0, 0], [np.degrees(critical), 1]]) if critical is not None and critical > 0.6 else None
             labels.add(f"Brewster's angle {_degrees(brewster)}\n$R_p$ = 0", (at, 0), near)
         if critical is not None:
-            labels.add(
-                f"critical angle {_degrees(critical)}\nall reflected beyond", (np.degrees(critical), 1)
-            )
+            labels.add(f"critical angle {_degrees(critical)}\nall reflected beyond", (np.degrees(critical), 1))
         _shade_total_reflection(ax, critical, True, labels)
         return figure
 

@@ -116,12 +116,8 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
                 if dtype.hasobject or dtype.kind not in kinds or dtype.itemsize > 1024:
                     raise LightdomeError(f"{path}: the array {name!r} has the wrong type, {dtype}")
                 wanted = tuple(count if n == "N" and count is not None else n for n in shape)
-                if len(found) != len(wanted) or any(
-                    n not in ("N", f) for n, f in zip(wanted, found, strict=True)
-                ):
-                    raise LightdomeError(
-                        f"{path}: the array {name!r} has shape {found}, not {_shape(wanted)}"
-                    )
+                if len(found) != len(wanted) or any(n not in ("N", f) for n, f in zip(wanted, found, strict=True)):
+                    raise LightdomeError(f"{path}: the array {name!r} has shape {found}, not {_shape(wanted)}")
                 count = found[0] if "N" in shape else count
                 if count is not None and not 0 < count <= MAX_SAMPLES:
                     raise LightdomeError(f"{path}: holds {count} samples; 1 to {MAX_SAMPLES} can be used")

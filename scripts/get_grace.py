@@ -45,9 +45,7 @@ class _OnlyHttp(urllib.request.HTTPRedirectHandler):
 
     def redirect_request(self, req, fp, code, msg, headers, newurl):  # type: ignore[no-untyped-def]
         if urllib.parse.urlsplit(newurl).scheme.lower() not in ("http", "https"):
-            raise GraceError(
-                f"{req.full_url} redirects to {newurl!r}, which is not http or https; {ELSEWHERE}"
-            )
+            raise GraceError(f"{req.full_url} redirects to {newurl!r}, which is not http or https; {ELSEWHERE}")
         return super().redirect_request(req, fp, code, msg, headers, newurl)
 
 
@@ -101,8 +99,7 @@ def _read(stream: BinaryIO, limit: int, take: Callable[[bytes], object], name: s
             now = time.monotonic()
             if now - began > DEADLINE:
                 raise GraceError(
-                    f"gave up on {name}: only {count:,} bytes in {DEADLINE:g} seconds; "
-                    f"try again or {ELSEWHERE}"
+                    f"gave up on {name}: only {count:,} bytes in {DEADLINE:g} seconds; try again or {ELSEWHERE}"
                 )
             if sys.stderr.isatty() and now - began > 2 and now - shown > 0.2:
                 print(f"\r{count / limit:4.0%} of {limit / 1e6:.1f} MB", end="", file=sys.stderr, flush=True)
@@ -216,16 +213,14 @@ def _copy(source: str | Path, target: BinaryIO, size: int, sha256: str) -> None:
         raise GraceError(f"{what.format(source)}: {_reason(error)}; try again or {ELSEWHERE}") from error
     if count < size and declared is not None and count < declared:
         raise GraceError(
-            f"the download of {source} broke off after {count:,} of {declared:,} bytes; "
-            f"try again or {ELSEWHERE}"
+            f"the download of {source} broke off after {count:,} of {declared:,} bytes; try again or {ELSEWHERE}"
         )
     if count != size:
         found = f"more than {size:,}" if count > size else f"{count:,}"
         raise GraceError(f"{source} is not the Grace map: {found} bytes instead of {size:,}; {ELSEWHERE}")
     if digest.hexdigest() != sha256:
         raise GraceError(
-            f"{source} is not the Grace map: its SHA-256 is {digest.hexdigest()}, "
-            f"expected {sha256}; {ELSEWHERE}"
+            f"{source} is not the Grace map: its SHA-256 is {digest.hexdigest()}, expected {sha256}; {ELSEWHERE}"
         )
 
 
@@ -275,9 +270,7 @@ def main() -> None:
         signal.signal(signal.SIGALRM, _too_late)
         signal.setitimer(signal.ITIMER_REAL, DEADLINE + 1)
     fetch(arguments.source, arguments.out)
-    print(
-        f"wrote {arguments.out}: the Grace Cathedral light probe by Paul Debevec, {SIZE:,} bytes, sum checked"
-    )
+    print(f"wrote {arguments.out}: the Grace Cathedral light probe by Paul Debevec, {SIZE:,} bytes, sum checked")
 
 
 if __name__ == "__main__":

@@ -580,9 +580,7 @@ class Chapel:
         where = origin + march(origin, ray, start) * ray
         u, v, y = where
         kinds = parts(u, v, y)
-        stack = np.stack(
-            [kinds.shell, kinds.ribs, kinds.wood, kinds.cloth, kinds.metal, kinds.lamp, kinds.flame]
-        )
+        stack = np.stack([kinds.shell, kinds.ribs, kinds.wood, kinds.cloth, kinds.metal, kinds.lamp, kinds.flame])
         kind = np.argmin(stack, axis=0)
         result = np.zeros_like(where)
 
@@ -627,9 +625,7 @@ class Chapel:
             x = 1 - cosine
             fresnel = 0.035 + 0.5 * x * x * x * x * x
             mirror = d + 2 * cosine * n
-            shade[:, m] += fresnel * np.minimum(
-                self.radiance(lifted[:, m], mirror, bounces=bounces - 1), 30.0
-            )
+            shade[:, m] += fresnel * np.minimum(self.radiance(lifted[:, m], mirror, bounces=bounces - 1), 30.0)
         result[:, solid] = shade
         return result
 

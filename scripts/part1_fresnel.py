@@ -36,8 +36,7 @@ def describe(summary: Summary) -> str:
     return "\n".join(
         [
             f"eta {summary.eta:g}, angles of incidence in degrees",
-            f"  normal incidence   R_p = {summary.normal_reflectance_p:.5g}, "
-            f"R_s = {summary.normal_reflectance_s:.5g}",
+            f"  normal incidence   R_p = {summary.normal_reflectance_p:.5g}, R_s = {summary.normal_reflectance_s:.5g}",
             f"  Brewster's angle   {angle(summary.brewster_entering_deg)} entering, "
             f"{angle(summary.brewster_leaving_deg)} leaving",
             f"  critical angle     {angle(summary.critical_entering_deg)} entering, "

@@ -14,9 +14,7 @@ def main() -> None:
         "scripts/part3_shade.py out/part2/samples_*.npz",
         "out/part3",
     )
-    parser.add_argument(
-        "samples", type=Path, nargs="+", metavar="SAMPLES.npz", help="files that part 2 wrote"
-    )
+    parser.add_argument("samples", type=Path, nargs="+", metavar="SAMPLES.npz", help="files that part 2 wrote")
     cli.sphere_options(parser)
     cli.tone_options(parser)
     cli.device_option(parser)
@@ -28,9 +26,7 @@ def main() -> None:
     for path in args.samples:
         samples = Samples.load(path)
         if len(samples) in sets:
-            raise LightdomeError(
-                f"{path}: another file has {len(samples)} samples too; shade it into its own --out"
-            )
+            raise LightdomeError(f"{path}: another file has {len(samples)} samples too; shade it into its own --out")
         sets[len(samples)] = samples
     out = cli.output_folder(args.out)
 

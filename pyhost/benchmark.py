@@ -1,0 +1,208 @@
+"""Error against run time: every method, at every count, against the exact image, in one run.
+
+A method's time is the wall time from the map in the host's memory to the image in the host's memory: the
+median of repeats after a warm-up. Programs are built before, and their time is kept apart. Its error is
+measured over several seeds. See :mod:`lightdome.benchmark_plot` for the pictures.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import hashlib
+import json
+import os
+import platform
+import statistics
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from . import __version__
+from .device import Device
+from .disc import disc_mask
+from .distribution import build_distribution
+from .envmap import EnvironmentMap
+from .files import replacing
+from .render import render
+from .samples import SEQUENCES
+from .sphere import exact, shade_samples
+
+Run = Callable[[int, int], np.ndarray]  # (count, seed) -> image
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to the image.
+
+    ``kind`` says what a count means: ``shared`` samples or lights for all pixels, ``per pixel``
+    samples, or the ``order`` of an analytic method. A method that is not ``random`` needs one seed only.
+    ``device`` is where its stages are timed, None for a peer that has a clock of its own.
+    """
+
+    name: str
+    kind: str
+    run: Run
+    random: bool = True
+    device: Device | None = None
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One method at one count. Errors are relative to the exact image's root mean square over the disc."""
+
+    method: str
+    kind: str
+    count: int
+    seeds: int
+    rmse: float
+    rmse_spread: float  # standard deviation over the seeds
+    largest_error: float  # the largest absolute error over the exact image's maximum, mean over the seeds
+    bias: float  # mean error over pixels and seeds, over the exact image's mean
+    wall_seconds: float
+    wall_spread: float  # half the distance of the quartiles
+    first_seconds: float  # the first run, with the build of its programs
+    stages: dict[str, float] = field(default_factory=dict)  # device seconds by stage, of the median run
+
+
+def methods(device: Device, envmap: EnvironmentMap, resolution: int) -> dict[str, Method]:
+    """All of lightdome's own methods, by name."""
+    result = []
+
+    def shared(sequence: str) -> Run:
+        def run(count: int, seed: int) -> np.ndarray:
+            samples = build_distribution(device, envmap).sample(count, seed, sequence)
+            return shade_samples(device, samples, resolution)
+
+        return run
+
+    def per_pixel(count: int, seed: int) -> np.ndarray:
+        ((_, image),) = render(build_distribution(device, envmap), [count], resolution, seed=seed)
+        return image
+
+    result += [Method(sequence, "shared", shared(sequence), device=device) for sequence in SEQUENCES]
+    result.append(Method("light", "per pixel", per_pixel, device=device))
+    result.append(
+        Method("exact", "order", lambda count, seed: exact(device, envmap, resolution), random=False, device=device)
+    )
+    return {method.name: method for method in result}
+
+
+def measure(method: Method, count: int, seeds: int, repeats: int, reference: np.ndarray) -> Measurement:
+    """Run ``method`` at ``count`` over ``seeds`` for its error and ``repeats`` times for its time."""
+    mask = disc_mask(len(reference))
+    truth = reference[mask].astype(np.float64)
+    scale = np.sqrt((truth**2).mean())
+
+    start = time.perf_counter()
+    images = [method.run(count, 0)]
+    first = time.perf_counter() - start
+
+    walls, stages = [], []
+    for _ in range(repeats):
+        if method.device:
+            method.device.profile.clear()
+        start = time.perf_counter()
+        method.run(count, 0)
+        walls.append(time.perf_counter() - start)
+        stages.append(method.device.profile.seconds() if method.device else {})
+    median = statistics.median_low(walls)
+
+    images += [method.run(count, seed) for seed in range(1, seeds if method.random else 1)]
+    differences = [image[mask] - truth for image in images]
+    errors = [float(np.sqrt((d**2).mean()) / scale) for d in differences]
+    return Measurement(
+        method=method.name,
+        kind=method.kind,
+        count=count,
+        seeds=len(images),
+        rmse=statistics.fmean(errors),
+        rmse_spread=statistics.stdev(errors) if len(errors) > 1 else 0.0,
+        largest_error=float(np.mean([np.abs(d).max() for d in differences]) / truth.max()),
+        bias=float(np.mean([d.mean() for d in differences]) / truth.mean()),
+        wall_seconds=median,
+        wall_spread=float(np.subtract(*np.percentile(walls, [75, 25])) / 2),
+        first_seconds=first,
+        stages=stages[walls.index(median)],
+    )
+
+
+def pareto_front(points: Iterable[Measurement]) -> list[Measurement]:
+    """Those that nothing beats in both time and error, by increasing time."""
+    front: list[Measurement] = []
+    for point in sorted(points, key=lambda m: (m.wall_seconds, m.rmse)):
+        if not front or point.rmse < front[-1].rmse:
+            front.append(point)
+    return front
+
+
+def cheapest(points: Sequence[Measurement], error: float) -> Measurement | None:
+    """The measured method of at most ``error`` that took the least time, None if there is none."""
+    return min((m for m in points if m.rmse <= error), key=lambda m: m.wall_seconds, default=None)
+
+
+def slope(points: Sequence[Measurement]) -> float | None:
+    """The exponent b of the fit rmse ~ count^b, None for fewer than two counts."""
+    if len({m.count for m in points}) < 2 or min(m.rmse for m in points) <= 0:
+        return None
+    logs = np.log([[m.count, m.rmse] for m in points])
+    return float(np.polyfit(logs[:, 0], logs[:, 1], 1)[0])
+
+
+def settings(device: Device, envmap: EnvironmentMap, options: Mapping[str, object]) -> dict[str, object]:
+    """What a result depends on: the machine, the device, the versions, the map and the options."""
+    return {
+        "machine": {
+            "system": platform.platform(),
+            "processor": _processor(),
+            "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        },
+        "device": {
+            "name": device.handle.name.strip(),
+            "implementation": device.handle.platform.version.strip(),
+            "driver": device.handle.driver_version,
+            "compute_units": device.handle.max_compute_units,
+        },
+        "versions": {
+            "lightdome": __version__,
+            "python": platform.python_version(),
+            **{name: version(name) for name in ("numpy", "pyopencl", "OpenImageIO", "matplotlib")},
+        },
+        "map": {
+            "width": envmap.width,
+            "height": envmap.height,
+            "sha256": hashlib.sha256(envmap.radiance.data).hexdigest(),
+        },
+        "options": {name: str(value) if isinstance(value, Path) else value for name, value in options.items()},
+    }
+
+
+def _processor() -> str:
+    """The processor's name: Linux keeps it in /proc/cpuinfo only."""
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor()
+
+
+def write_csv(path: Path, points: Sequence[Measurement]) -> None:
+    """One row a measurement, a column a figure; stages in seconds as ``stage <name>``."""
+    names = list(dict.fromkeys(stage for p in points for stage in p.stages))
+    columns = [f.name for f in fields(Measurement) if f.name != "stages"]
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow([*columns, *(f"stage {name}" for name in names)])
+        for p in points:
+            writer.writerow([*(getattr(p, c) for c in columns), *(p.stages.get(name, "") for name in names)])
+
+
+def write_json(path: Path, points: Sequence[Measurement], settings: Mapping[str, object]) -> None:
+    """The settings and all measurements."""
+    with replacing(path) as temporary:
+        text = json.dumps({**settings, "measurements": [asdict(p) for p in points]}, indent=2)
+        temporary.write_text(text + "\n", encoding="utf-8")

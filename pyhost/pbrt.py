@@ -1,0 +1,357 @@
+"""The diffuse sphere drawn by PBRT, version 3 or 4: write the scenes, find the program, run it, read its image.
+
+The scene is ours exactly. Its camera looks along -z with +x to the right and +y up, the surface is lit
+directly and nothing else, and PBRT takes all samples of a pixel at its centre, where we take the
+normal: both programs estimate the same integral. What PBRT sees of the map beside the sphere is masked
+when its image is read.
+
+The map differs by version. PBRT-v3 reads latitude-longitude as it is, but interpolates between pixels
+where ours and PBRT-v4's are constant. PBRT-v4 needs an equal-area square, see
+:mod:`lightdome.equiarea`, and renders with spectra: an RGB radiance becomes a smooth spectrum and the
+film turns it back, so saturated colours carry noise of their own.
+
+Source: the file formats at https://pbrt.org/fileformat-v3 and https://pbrt.org/fileformat-v4.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .disc import check_resolution, disc_mask
+from .envmap import EnvironmentMap
+from .equiarea import to_equal_area
+from .errors import LightdomeError
+from .files import replacing
+from .images import read_image, write_image
+from .progress import Progress
+
+VERSIONS = (3, 4)
+MAPS = {3: "map_v3_latlong.pfm", 4: "map_v4_equalarea.exr"}
+# Version 3 keeps 16 bits of an .exr's pixels, both ways, but all of a .pfm's.
+IMAGE_SUFFIX = {3: ".pfm", 4: ".exr"}
+ELSE = "or render with --renderer opencl"
+
+TEMPLATE = {
+    3: """\
+# lightdome: a diffuse unit sphere under an environment map, for PBRT-v3{remark}
+Scale -1 1 1
+LookAt 0 0 10  0 0 0  0 1 0
+Camera "orthographic" "float screenwindow" [-1 1 -1 1]
+Film "image" "string filename" ["{image}"]
+     "integer xresolution" [{resolution}] "integer yresolution" [{resolution}]
+Sampler "halton" "integer pixelsamples" [{spp}] "bool samplepixelcenter" ["true"]
+PixelFilter "box" "float xwidth" [0.5] "float ywidth" [0.5]
+Integrator "path" "integer maxdepth" [1]
+
+WorldBegin
+AttributeBegin
+  # The map's up is +z, ours is +y.
+  Rotate 90 1 0 0
+  Scale 1 1 -1
+  LightSource "infinite" "string mapname" ["{map}"]
+AttributeEnd
+Material "matte" "rgb Kd" [{albedo!r} {albedo!r} {albedo!r}]
+Shape "sphere" "float radius" [1]
+WorldEnd
+""",
+    4: """\
+# lightdome: a diffuse unit sphere under an environment map, for PBRT-v4{remark}
+Option "disablepixeljitter" true
+Scale -1 1 1
+LookAt 0 0 10  0 0 0  0 1 0
+Camera "orthographic" "float screenwindow" [-1 1 -1 1]
+Film "rgb" "string filename" ["{image}"] "bool savefp16" [false]
+     "integer xresolution" [{resolution}] "integer yresolution" [{resolution}]
+Sampler "{sampler}" "integer pixelsamples" [{spp}] "integer seed" [{seed}]
+PixelFilter "box" "float xradius" [0.5] "float yradius" [0.5]
+Integrator "path" "integer maxdepth" [1]
+
+WorldBegin
+AttributeBegin
+  # The map's up is +z, ours is +y.
+  Rotate 90 1 0 0
+  Scale 1 1 -1
+  LightSource "infinite" "string filename" ["{map}"]
+AttributeEnd
+Material "diffuse" "rgb reflectance" [{albedo!r} {albedo!r} {albedo!r}]
+Shape "sphere" "float radius" [1]
+""",
+}
+
+
+@dataclass(frozen=True)
+class Pbrt:
+    """A PBRT program that starts: its file, and its version, 3 or 4."""
+
+    path: Path
+    version: int
+
+    def __str__(self) -> str:
+        return f"PBRT-v{self.version} ({self.path})"
+
+
+def find_pbrt(path: str | Path | None = None, timeout: float = 20.0) -> Pbrt:
+    """The program ``pbrt`` at ``path``, a file or the folder that holds it; on PATH if that is None.
+
+    Asks the program for its version, for at most ``timeout`` seconds. Raises :class:`LightdomeError` where there
+    is none, it does not start, or is neither version 3 nor 4.
+    """
+    program = _locate(path)
+    # An empty scene makes every version print its banner; options that do so are not common to both.
+    try:
+        code, text = _run([str(program)], timeout=timeout)
+    except TimeoutError:
+        raise LightdomeError(
+            f"{program} did not say its version within {timeout:g} s; give another with --pbrt, {ELSE}"
+        ) from None
+    found = re.search(r"^\s*pbrt version (\d+)", text, re.MULTILINE | re.IGNORECASE)
+    if not found:
+        state = f"it {_ending(code)}; " if code < 0 else ""
+        raise LightdomeError(
+            f"{program} does not answer as PBRT does ({state}it said: {_gist(text)}); give another with --pbrt, {ELSE}"
+        )
+    version = int(found[1])
+    if version not in VERSIONS:
+        raise LightdomeError(
+            f"{program} is PBRT version {version}, but the scenes are for 3 and 4; give another with --pbrt, {ELSE}"
+        )
+    return Pbrt(program, version)
+
+
+def _locate(path: str | Path | None) -> Path:
+    if path is None:
+        found = shutil.which("pbrt")
+        if found is None:
+            raise LightdomeError(
+                f"no pbrt on PATH; build PBRT-v4 (https://github.com/mmp/pbrt-v4), say where it is with --pbrt, {ELSE}"
+            )
+        return Path(found).absolute()
+    path = Path(path).expanduser()
+    if path.is_dir():
+        found = shutil.which("pbrt", path=str(path.absolute()))
+        if found is None:
+            raise LightdomeError(f"no program pbrt in the folder {path}; give the program itself with --pbrt")
+        return Path(found).absolute()
+    if not path.exists():
+        raise LightdomeError(f"there is no {path}; give the pbrt program or its folder with --pbrt")
+    if not os.access(path, os.X_OK):
+        raise LightdomeError(f"{path} is not a program; make it executable or give another with --pbrt")
+    return path.absolute()
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene file for PBRT ``version``; its image times 2^``exponent`` is the radiance."""
+
+    path: Path
+    version: int
+    spp: int
+    resolution: int
+    exponent: int = 0
+
+
+def scene_text(
+    version: int, spp: int, resolution: int = 511, albedo: float = 1.0, seed: int = 0, exponent: int = 0
+) -> str:
+    """The scene file for PBRT ``version`` (3 or 4) with ``spp`` samples a pixel and a map scaled by 2^-``exponent``.
+
+    ``seed`` counts modulo 2^31, and only for version 4: version 3 has none. Raises
+    :class:`LightdomeError` for an albedo outside 0 to 1 and for other numbers out of range.
+    """
+    check_resolution(resolution)
+    if not 1 <= spp < 2**31:
+        raise LightdomeError(f"samples a pixel are from 1 to 2147483647, not {spp}")
+    if not 0 <= albedo <= 1:
+        raise LightdomeError(f"a PBRT scene has an albedo from 0 to 1, not {albedo:g}; choose another with --albedo")
+    return TEMPLATE[version].format(
+        remark=f"\n# Multiply its image by 2^{exponent}." if exponent else "",
+        map=MAPS[version],
+        image=f"sphere_{spp}spp{IMAGE_SUFFIX[version]}",
+        resolution=resolution,
+        spp=spp,
+        albedo=float(albedo),
+        seed=seed % 2**31,
+        # zsobol is the best, but renders the next lower power of two of samples.
+        sampler="halton" if spp & (spp - 1) else "zsobol",
+    )
+
+
+def write_scenes(
+    folder: str | Path,
+    envmap: EnvironmentMap,
+    spp: Sequence[int],
+    resolution: int = 511,
+    albedo: float = 1.0,
+    seed: int = 0,
+    versions: Sequence[int] = VERSIONS,
+) -> list[Scene]:
+    """Write the maps and a scene for each of ``versions`` and ``spp`` into ``folder``, which must exist.
+
+    Scenes name their map without a folder, so the whole folder can be moved. For the arguments and errors
+    see :func:`scene_text`; raises :class:`LightdomeError` also where a file cannot be written.
+    """
+    # PBRT sums pixels in plain float32, after factors of several thousand: keep it far from the limits.
+    exponent = int(np.frexp(envmap.peak)[1])
+    exponent = exponent if abs(exponent) > 30 else 0
+    scenes, texts = [], []
+    for version in versions:
+        for count in sorted(set(spp)):
+            texts.append(scene_text(version, count, resolution, albedo, seed, exponent))
+            path = Path(folder) / f"sphere_v{version}_{count}spp.pbrt"
+            scenes.append(Scene(path, version, count, resolution, exponent))
+    radiance = np.ldexp(envmap.radiance, -exponent) if exponent else envmap.radiance
+    for version in versions:
+        write_image(Path(folder) / MAPS[version], to_equal_area(radiance) if version == 4 else radiance)
+    for scene, text in zip(scenes, texts, strict=True):
+        with replacing(scene.path) as path:
+            path.write_text(text, encoding="ascii")
+    return scenes
+
+
+def render(pbrt: Pbrt, scenes: Iterable[Scene], timeout: float | None = None) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield (spp, image) for each of ``pbrt``'s scenes in increasing order: see :func:`render_scene`."""
+    for scene in sorted(scenes, key=lambda scene: scene.spp):
+        if scene.version == pbrt.version:
+            yield scene.spp, render_scene(pbrt, scene, timeout)
+
+
+def render_scene(pbrt: Pbrt, scene: Scene, timeout: float | None = None) -> np.ndarray:
+    """Run ``pbrt`` on one scene: the image is (R, R, 3) float32, radiance, 0 outside the disc.
+
+    ``timeout`` is in seconds; by default some hundred times what the image should need. Raises
+    :class:`LightdomeError` where PBRT does not start, fails, takes longer, or leaves no good image.
+    """
+    size = scene.resolution
+    if timeout is None:
+        timeout = 300 + 1e-4 * scene.spp * size**2
+    by_hand = f"try the scene {scene.path} by hand, {ELSE}"
+    with tempfile.TemporaryDirectory(prefix="lightdome-", ignore_cleanup_errors=True) as folder:
+        target = Path(folder) / f"image{IMAGE_SUFFIX[pbrt.version]}"
+        # Without --quiet PBRT waits for its progress thread at the end, up to a second.
+        quiet = [] if sys.stderr.isatty() else ["--quiet"]
+        command = [str(pbrt.path), *quiet, "--outfile", str(target), str(scene.path.absolute())]
+        try:
+            with Progress(f"PBRT-v{pbrt.version}, {scene.spp} spp") as progress:
+                code, text = _run(command, timeout, progress)
+        except TimeoutError:
+            raise LightdomeError(
+                f"{pbrt} was stopped: {scene.spp} spp took more than {timeout:.0f} s; try fewer, {ELSE}"
+            ) from None
+        if code != 0:
+            raise LightdomeError(f"{pbrt} {_ending(code)}; it said: {_gist(text)}; {by_hand}")
+        if not target.exists():
+            raise LightdomeError(f"{pbrt} ended well but wrote no image; it said: {_gist(text)}; {by_hand}")
+        image = read_image(target)
+    if image.shape != (size, size, 3):
+        raise LightdomeError(
+            f"{pbrt} wrote {image.shape[1]} x {image.shape[0]} pixels instead of {size} x {size}; {by_hand}"
+        )
+    image[~disc_mask(size)] = 0
+    with np.errstate(over="ignore"):
+        image = np.ldexp(image, scene.exponent)
+    bad = int((~np.isfinite(image)).any(axis=2).sum())
+    if bad:
+        raise LightdomeError(f"{pbrt} left {bad} pixels that are NaN or infinite; {by_hand}")
+    return image
+
+
+def _run(command: list[str], timeout: float, progress: Progress | None = None) -> tuple[int, str]:
+    """Run ``command`` without a shell: its exit status and the end of what it printed, colours removed.
+
+    Raises ``TimeoutError``; the program and its children are gone whenever this returns or raises.
+    """
+    with tempfile.TemporaryDirectory(prefix="lightdome-", ignore_cleanup_errors=True) as folder:
+        try:
+            process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                cwd=folder,
+                # Version 3 logs into the temporary folder of the system unless told otherwise.
+                env={**os.environ, "GLOG_log_dir": folder},
+                start_new_session=True,
+            )
+        except OSError as error:
+            raise LightdomeError(
+                f"cannot start {command[0]}: {error.strerror}; give another with --pbrt, {ELSE}"
+            ) from error
+        output = bytearray()
+        reader = threading.Thread(target=_collect, args=(process.stdout, output), daemon=True)
+        reader.start()
+        deadline = time.monotonic() + timeout
+        try:
+            while True:
+                try:
+                    process.wait(min(0.1, max(0.0, deadline - time.monotonic())))
+                    break
+                except subprocess.TimeoutExpired:
+                    if time.monotonic() >= deadline:
+                        raise TimeoutError from None
+                    if progress is not None:
+                        progress.update(_fraction_done(output))
+        finally:
+            _kill(process)
+        # A grandchild that left the session could hold the pipe open for ever.
+        reader.join(2.0)
+        text = bytes(output).decode("utf-8", "replace")
+        return process.returncode, re.sub(r"\x1b\[[0-9;]*[A-Za-z]", "", text)
+
+
+def _collect(stream, output: bytearray) -> None:
+    with contextlib.suppress(OSError, ValueError), stream:
+        while chunk := stream.read1(4096):
+            output += chunk
+            # The banner and the first message stand at the beginning, the progress at the end.
+            if len(output) > 2**16:
+                del output[2**14 : -(2**14)]
+
+
+def _fraction_done(output: bytearray) -> float:
+    """How far PBRT says to be: it redraws ``Rendering: [+++   ]``."""
+    bars = re.findall(rb"\[(\+*)( *)\]", output[-4096:])
+    done, left = bars[-1] if bars else (b"", b"")
+    return len(done) / (len(done) + len(left)) if done or left else 0.0
+
+
+def _kill(process: subprocess.Popen) -> None:
+    if process.poll() is not None:
+        return
+    # The whole session, for a pbrt that is a script which starts the real one.
+    with contextlib.suppress(OSError):
+        if hasattr(os, "killpg"):
+            os.killpg(process.pid, signal.SIGKILL)
+        else:
+            process.kill()
+    process.wait()
+
+
+def _ending(code: int) -> str:
+    if code >= 0:
+        return f"failed with exit status {code}"
+    try:
+        return f"crashed ({signal.Signals(-code).name})"
+    except ValueError:
+        return f"crashed (signal {-code})"
+
+
+def _gist(text: str) -> str:
+    """The line of a program's output that most likely says what went wrong."""
+    lines = [line.strip() for line in re.split(r"[\r\n]+", text) if line.strip()]
+    errors = [line for line in lines if re.search(r"\b(error|fatal|check failed)\b", line, re.IGNORECASE)]
+    best = (errors or lines[-1:] or ["nothing"])[0]
+    return best if len(best) <= 300 else best[:300] + "…"

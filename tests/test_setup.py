@@ -1,0 +1,247 @@
+"""The set-up that the commands share (scripts/setup.sh), with stand-ins for Python, pip and apt-get."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+# The system's programs that set-up, the stand-ins and nothing else may find.
+# fmt: off
+TOOLS = (
+    "bash", "cat", "chmod", "cksum", "cp", "dirname", "env", "flock", "grep", "ls", "mkdir", "rm", "sed",
+    "tail", "touch", "true", "uname",
+)
+# fmt: on
+
+# Plays Python, and what set-up runs with it. The folder $STATE says what works: `device` (a device
+# does), `wheel` and `system` (installing PoCL so gives one that does), `ensurepip`, `index` (pip finds one).
+PYTHON = """#!/bin/bash
+echo "$*" >>"$STATE/calls"
+case "$*" in
+'-c import ensurepip, venv') [ -e "$STATE/ensurepip" ] ;;
+'-c '*version_info*) echo "${VERSION:-3.12.1}"; echo "$STATE/bin/python3" ;;
+'-m venv '*) mkdir -p "$3/bin" && cp "$0" "$3/bin/python" ;;
+*'pip --quiet install --editable'*)
+    [ -e "$STATE/index" ] || { echo "broken by 'NewConnectionError'"; exit 1; } ;;
+*'install pocl-binary-distribution') [ ! -e "$STATE/wheel" ] || touch "$STATE/device" ;;
+'-m lightdome.probe') [ -e "$STATE/device" ] && echo 'Some device' ;;
+esac
+"""
+
+APT_GET = """#!/bin/bash
+echo "apt-get $*" >>"$STATE/calls"
+case "$*" in
+*'install pocl-opencl-icd') [ ! -e "$STATE/system" ] || touch "$STATE/device" ;;
+*'install python3.12-venv') touch "$STATE/ensurepip" ;;
+esac
+"""
+
+
+class Machine:
+    """A clone in a folder with a space in its name, on a machine with a PATH of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.clone = folder / "a clone"
+        (self.clone / "scripts").mkdir(parents=True)
+        for name in ("setup.cfg", "pyproject.toml", "scripts/setup.sh"):
+            shutil.copy(ROOT / name, self.clone / name)
+        self.state = folder / "state"
+        # Stand-ins and links lie apart: writing a stand-in over a link would write into the system.
+        self.bin = self.state / "bin"
+        self.tools = self.state / "tools"
+        self.bin.mkdir(parents=True)
+        self.tools.mkdir()
+        for tool in TOOLS:
+            if found := shutil.which(tool):
+                (self.tools / tool).symlink_to(found)
+        self.program("id", "#!/bin/bash\necho 0\n")
+        self.program("python3", PYTHON)
+        self.has("ensurepip", "index")
+
+    def program(self, name: str, text: str) -> None:
+        """Put a stand-in on PATH, before the system's program of that name."""
+        path = self.bin / name
+        assert not path.is_symlink()
+        path.write_text(text)
+        path.chmod(0o755)
+
+    def has(self, *things: str) -> None:
+        """Say what works here."""
+        for thing in things:
+            (self.state / thing).touch()
+
+    def set_up(self, **environment: str) -> subprocess.CompletedProcess[str]:
+        """Run set-up from another folder; ``calls`` then holds only what this run called."""
+        (self.state / "calls").write_text("")
+        path = f"{self.bin}:{self.tools}"
+        home = os.environ.get("HOME", "/")
+        script = 'set -euo pipefail; . "$1/scripts/setup.sh"; set_up'
+        return subprocess.run(
+            [self.tools / "bash", "-c", script, "_", self.clone],
+            cwd="/",
+            env={"PATH": path, "STATE": str(self.state), "HOME": home, **environment},
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
+
+    @property
+    def calls(self) -> str:
+        """What was called, a line each."""
+        return (self.state / "calls").read_text()
+
+
+@pytest.fixture
+def machine(tmp_path: Path) -> Machine:
+    return Machine(tmp_path)
+
+
+def test_a_device_that_works_is_all_that_is_needed(machine: Machine) -> None:
+    machine.has("device")
+    result = machine.set_up()
+    assert result.returncode == 0, result.stderr
+    assert "OpenCL device: Some device" in result.stdout
+    assert "pocl" not in machine.calls
+
+
+def test_the_second_time_only_looks(machine: Machine) -> None:
+    machine.has("device")
+    machine.set_up()
+    result = machine.set_up()
+    assert result.returncode == 0, result.stderr
+    assert "-m lightdome.probe" in machine.calls
+    assert "pip" not in machine.calls
+    assert "-m venv" not in machine.calls
+
+
+def test_the_package_is_installed_again_when_its_metadata_changed(machine: Machine) -> None:
+    machine.has("device")
+    machine.set_up()
+    with (machine.clone / "setup.cfg").open("a") as file:
+        file.write("# changed\n")
+    machine.set_up()
+    assert "install --editable" in machine.calls
+    assert "-m venv" not in machine.calls
+
+
+@pytest.mark.parametrize("what", ["moved", "interrupted", "other Python"])
+def test_an_environment_that_is_no_longer_sound_is_made_anew(machine: Machine, what: str) -> None:
+    machine.has("device")
+    machine.set_up()
+    environment = {}
+    if what == "moved":
+        machine.clone = machine.clone.rename(machine.clone.with_name("another place"))
+    elif what == "interrupted":
+        (machine.clone / ".venv" / ".unfinished").touch()
+    else:
+        environment = {"VERSION": "3.13.0"}
+    result = machine.set_up(**environment)
+    assert result.returncode == 0, result.stderr
+    assert "-m venv" in machine.calls
+    assert "install --editable" in machine.calls
+
+
+def test_pocl_comes_from_its_wheel_where_that_works(machine: Machine) -> None:
+    machine.has("wheel")
+    machine.program("uname", "#!/bin/bash\necho Linux x86_64\n")
+    machine.program("apt-get", APT_GET)
+    result = machine.set_up()
+    assert result.returncode == 0, result.stderr
+    assert "pip --quiet install pocl-binary-distribution" in machine.calls
+    assert "uninstall" not in machine.calls
+    assert "apt-get" not in machine.calls
+
+
+def test_a_wheel_that_does_not_work_is_removed_and_the_system_package_taken(machine: Machine) -> None:
+    machine.has("system")
+    machine.program("uname", "#!/bin/bash\necho Linux x86_64\n")
+    machine.program("apt-get", APT_GET)
+    result = machine.set_up()
+    assert result.returncode == 0, result.stderr
+    assert "pip --quiet uninstall --yes pocl-binary-distribution" in machine.calls
+    assert "install pocl-opencl-icd" in machine.calls
+
+
+def test_without_root_or_sudo_one_line_names_the_command(machine: Machine) -> None:
+    machine.program("apt-get", APT_GET)
+    machine.program("id", "#!/bin/bash\necho 1000\n")
+    machine.program("sudo", "#!/bin/bash\nexit 1\n")
+    result = machine.set_up()
+    assert result.returncode == 1
+    assert result.stderr.count("\n") == 1
+    assert "sudo apt-get install pocl-opencl-icd" in result.stderr
+    assert "apt-get" not in machine.calls
+
+
+def test_sudo_without_a_password_is_used(machine: Machine) -> None:
+    machine.has("system")
+    machine.program("apt-get", APT_GET)
+    machine.program("id", "#!/bin/bash\necho 1000\n")
+    machine.program("sudo", '#!/bin/bash\n[ "$1" = -n ] && shift && exec "$@"\n')
+    assert machine.set_up().returncode == 0
+
+
+def test_a_python_without_ensurepip_gets_it_from_its_package(machine: Machine) -> None:
+    machine.has("device")
+    (machine.state / "ensurepip").unlink()
+    assert "python3.12-venv" in machine.set_up().stderr
+    machine.program("apt-get", APT_GET)
+    result = machine.set_up()
+    assert result.returncode == 0, result.stderr
+    assert "install python3.12-venv" in machine.calls
+
+
+@pytest.mark.parametrize("broken", ["exit 127", "exit 1"])
+def test_no_python_that_runs_is_one_line(machine: Machine, broken: str) -> None:
+    machine.program("python3", f"#!/bin/bash\n{broken}\n")
+    result = machine.set_up()
+    assert result.returncode == 1
+    assert result.stderr == (
+        "set-up: found no Python 3.10 or newer; install one, or name it: PYTHON=/path/to/python3\n"
+    )
+    assert not (machine.clone / ".venv").exists()
+
+
+def test_a_named_python_that_does_not_run_is_one_line(machine: Machine) -> None:
+    result = machine.set_up(PYTHON="/nonexistent/python")
+    assert result.returncode == 1
+    assert result.stderr == "set-up: PYTHON=/nonexistent/python is not a Python 3.10 or newer that runs\n"
+
+
+def test_no_package_index_is_one_line_and_does_not_stay(machine: Machine) -> None:
+    machine.has("device")
+    (machine.state / "index").unlink()
+    result = machine.set_up()
+    assert result.returncode == 1
+    assert result.stderr.count("\n") == 1
+    assert "network" in result.stderr
+    machine.has("index")
+    assert machine.set_up().returncode == 0
+
+
+def test_a_device_that_the_caller_chose_in_vain_installs_nothing(machine: Machine) -> None:
+    result = machine.set_up(PYOPENCL_CTX="9")
+    assert result.returncode == 1
+    assert "PYOPENCL_CTX=9" in result.stderr
+    assert "pocl" not in machine.calls
+
+
+def test_two_at_once_wait_for_each_other(machine: Machine) -> None:
+    flock = shutil.which("flock")
+    if not flock:
+        pytest.skip("no flock on this machine: set-up goes without")
+    machine.has("device")
+    lock = machine.clone / "scripts" / "setup.sh"
+    with subprocess.Popen([flock, lock, "sleep", "0.5"]) as holder:
+        while subprocess.run([flock, "-n", lock, "true"]).returncode == 0:
+            assert holder.poll() is None
+        result = machine.set_up()
+    assert result.returncode == 0, result.stderr
+    assert "waiting for another set-up" in result.stdout
