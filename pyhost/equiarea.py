@@ -20,6 +20,8 @@ first row is v = -1.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 MAX_SIDE = 4096  # 0.05 degrees a texel: far below what a diffuse surface can show
@@ -71,7 +73,7 @@ def to_equal_area(radiance: np.ndarray, side: int | None = None) -> np.ndarray:
     return square
 
 
-def _overlaps(rows: int, columns: int, half: int):
+def _overlaps(rows: int, columns: int, half: int) -> Iterator[tuple[np.ndarray, ...]]:
     """Yield arrays (pixel, x, y, area): how much of the texel (x, y) each pixel of the octant z, phi' >= 0 covers.
 
     ``pixel`` is row * columns + column, row 0 at the pole; texels are unit squares, (0, 0) at the pole.

@@ -85,7 +85,7 @@ def test_a_bright_pixel_keeps_its_flux_and_direction_in_the_equal_area_map(shape
         mean = (square[..., :1] * directions).sum(axis=(0, 1))
         mean /= np.linalg.norm(mean)
         angle = math.acos(min(1, mean @ pixel_centroid(x, y, width, height)))
-        assert angle < 0.5 * math.sqrt(4 * math.pi) / side  # half a texel
+        assert angle < 0.7 * math.sqrt(4 * math.pi) / side  # half a texel's diagonal
 
 
 def test_a_constant_map_stays_constant():
