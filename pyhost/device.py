@@ -94,6 +94,10 @@ def open_device(choice: str | None = None) -> Device:
         raise LightdomeError(
             f"the OpenCL device {asked!r} does not compile and run a trivial kernel; choose another with --device"
         )
+    base = cache_folder("").parent
+    existing = next(folder for folder in (base, *base.parents) if folder.exists())
+    if not os.access(existing, os.W_OK):
+        raise LightdomeError(f"no OpenCL device works; PoCL needs {base}: set XDG_CACHE_HOME to a folder to write into")
     raise LightdomeError(NO_DEVICE)
 
 
