@@ -1,0 +1,135 @@
+"""The benchmark measures what it says: known errors, honest times, complete files."""
+
+from __future__ import annotations
+
+import csv
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Script, fails_in_one_line, stiff_radiance
+from lightdome import benchmark, reference
+from lightdome.benchmark import Measurement, Method
+from lightdome.device import Device
+from lightdome.disc import disc_mask
+from lightdome.envmap import EnvironmentMap
+from lightdome.images import write_image
+
+R = 21
+
+
+def point(method: str, seconds: float, rmse: float, count: int = 1) -> Measurement:
+    return Measurement(method, "shared", count, 1, rmse, 0, 0, 0, seconds, 0, 0)
+
+
+def test_errors_are_those_that_were_put_in() -> None:
+    mask = disc_mask(R)
+    truth = np.where(mask[..., None], [1.0, 2.0, 3.0], 0).astype(np.float32)
+
+    def run(count: int, seed: int) -> np.ndarray:
+        image = truth * (1 + (0.1 if seed % 2 else -0.1) / count)
+        image[~mask] = 99  # outside the disc nothing counts
+        return image
+
+    measured = benchmark.measure(Method("known", "shared", run), 2, seeds=4, repeats=1, reference=truth)
+    assert measured.rmse == pytest.approx(0.05, rel=1e-5)
+    assert measured.rmse_spread == pytest.approx(0, abs=1e-7)
+    assert measured.largest_error == pytest.approx(0.05, rel=1e-5)
+    assert measured.bias == pytest.approx(0, abs=1e-7)
+    assert measured.seeds == 4
+    once = benchmark.measure(Method("known", "order", run, random=False), 1, seeds=4, repeats=1, reference=truth)
+    assert once.bias == pytest.approx(-0.1, rel=1e-5)
+    assert once.seeds == 1
+
+
+def test_the_first_run_is_kept_apart_from_the_others() -> None:
+    waits = iter([0.2, *[0.01] * 10])
+
+    def run(count: int, seed: int) -> np.ndarray:
+        time.sleep(next(waits))
+        return np.ones((R, R, 3), np.float32)
+
+    measured = benchmark.measure(Method("slow", "shared", run), 1, 1, 5, np.ones((R, R, 3)))
+    assert measured.first_seconds >= 0.2
+    assert 0.01 <= measured.wall_seconds < 0.1
+
+
+def test_the_front_holds_what_nothing_beats() -> None:
+    points = [point("a", 1, 0.5), point("b", 2, 0.6), point("c", 3, 0.1), point("d", 3, 0.2), point("e", 4, 0.1)]
+    assert [p.method for p in benchmark.pareto_front(points)] == ["a", "c"]
+    best = benchmark.cheapest(points, 0.2)
+    assert best is not None
+    assert best.method == "c"
+    assert benchmark.cheapest(points, 0.01) is None
+
+
+def test_the_slope_is_the_exponent() -> None:
+    points = [point("a", 1, 3 * n**-0.75, n) for n in (16, 64, 256)]
+    assert benchmark.slope(points) == pytest.approx(-0.75)
+    assert benchmark.slope(points[:1]) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "count", "tolerance"),
+    [
+        ("independent", 65536, 0.01),
+        ("stratified", 65536, 0.002),
+        ("sobol", 65536, 0.002),
+        ("r2", 65536, 0.002),
+        ("light", 65536, 0.01),
+        ("exact", 1, 1e-6),
+    ],
+)
+def test_every_method_converges_to_the_float64_image(device: Device, name: str, count: int, tolerance: float) -> None:
+    # Half a pixel of this map is 2.8 degrees, which costs 2 % and more: no method may hide that.
+    envmap = EnvironmentMap(stiff_radiance(32, 64))
+    mask = disc_mask(R)
+    expected = np.zeros((R, R, 3))
+    expected[mask] = reference.exact(envmap.radiance, reference.normals(R)[mask])
+    image = benchmark.methods(device, envmap, R)[name].run(count, 1)
+    assert reference.relative_rmse(image, expected) < tolerance
+    shifted = np.roll(envmap.radiance, 1, axis=1) / 2 + envmap.radiance / 2
+    expected[mask] = reference.exact(shifted, reference.normals(R)[mask])
+    assert reference.relative_rmse(image, expected) > 2 * tolerance
+
+
+def test_every_method_is_in_that_test(device: Device) -> None:
+    marks = test_every_method_converges_to_the_float64_image.pytestmark
+    tested = {parameters[0] for parameters in marks[0].args[1]}
+    assert tested == set(benchmark.methods(device, EnvironmentMap(np.ones((4, 8, 3))), R))
+
+
+def test_the_script_end_to_end(script: Script, tmp_path: Path) -> None:
+    write_image(tmp_path / "map.pfm", stiff_radiance(16, 32))
+    out = tmp_path / "out"
+    options = ("--resolution", R, "--seeds", 2, "--repeats", 2, "--counts", 4, 8, "--spp", 2, "--out", out)
+    result = script("bench", "--map", tmp_path / "map.pfm", *options, XDG_CACHE_HOME=str(tmp_path / "cache"))
+    assert result.returncode == 0, result.stderr
+    assert "cheapest method measured" in result.stdout
+
+    with (out / "bench.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    data = json.loads((out / "bench.json").read_text())
+    assert len(rows) == len(data["measurements"])
+    assert {(r["method"], r["count"]) for r in rows} >= {("sobol", "4"), ("sobol", "8"), ("light", "2"), ("exact", "1")}
+    for row, measured in zip(rows, data["measurements"], strict=True):
+        assert float(row["rmse"]) == measured["rmse"]
+        # Device stages are a part of the wall time.
+        assert 0 < sum(measured["stages"].values()) <= 1.05 * measured["wall_seconds"]
+    sobol = next(r for r in rows if r["method"] == "sobol")
+    assert {f"stage {s}" for s in ("row cdf", "marginal cdf", "search", "shade", "download")} <= {
+        name for name, value in sobol.items() if value
+    }
+    for section in ("machine", "device", "versions", "map", "options"):
+        assert data[section]
+    assert {p.name for p in out.iterdir()} == {
+        "bench.csv",
+        "bench.json",
+        *(f"{plot}.png" for plot in ("error_time", "error_count", "stages", "images")),
+    }
+
+
+def test_an_unknown_method_is_one_line(script: Script, tmp_path: Path) -> None:
+    fails_in_one_line(script("bench", "--methods", "magic", "--out", tmp_path), "magic", "sobol")
