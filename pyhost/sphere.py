@@ -17,7 +17,8 @@ from .envmap import EnvironmentMap, column_angles, row_angles, solid_angles
 from .progress import Progress
 from .samples import Samples
 
-ROWS = 1  # image rows of a tile, see clkernels/sphere.clh
+LANES = 16  # pixels across a tile, and lights in a vector, see clkernels/shade_tiles.cl
+TILE_ROWS = 16
 PAIRS_A_LAUNCH = 2**33  # pixels x lights between two updates of the progress line
 
 
@@ -27,6 +28,7 @@ def shade(
     flux: np.ndarray,
     resolution: int = 511,
     albedo: float = 1.0,
+    brute_force: bool = False,
 ) -> np.ndarray:
     """Light the sphere with N directional lights: the image is (R, R, 3) float32, radiance.
 
@@ -34,32 +36,38 @@ def shade(
     ``flux``       (N, 3) what each stands for, radiance x steradian
 
     A pixel is albedo / pi times the sum of flux max(0, n . direction); outside the disc it is 0.
+    ``brute_force`` evaluates every pair of pixel and light: for comparison, the image is the same.
     Raises :class:`LightdomeError` for a resolution outside 1 to 16384.
     """
     check_resolution(resolution)
-    pixels = device.vector_width
-    rows = ROWS if pixels > 1 else 1
-    lights = np.empty((len(direction), 6), np.float32)
-    lights[:, :3] = direction
+    light = np.zeros((6, -(-len(direction) // LANES) * LANES), np.float32)
+    light[:3, : len(direction)] = np.transpose(direction)
     with np.errstate(over="ignore"):
-        lights[:, 3:] = flux * (albedo / np.pi)
+        light[3:, : len(direction)] = np.transpose(flux) * (albedo / np.pi)
+    # One place decides: a CPU skips pairs of pixel and light tile by tile, a GPU has a pixel a work-item.
+    if brute_force or device.is_gpu:
+        pixels, rows = device.vector_width, 1
+        light = np.ascontiguousarray(light[:, : len(direction)].T)
+        kernel = device.kernel("shade", PIXELS=pixels, ROWS=rows)
+    else:
+        pixels, rows = LANES, TILE_ROWS
+        kernel = device.kernel("shade_tiles", ROWS=rows)
     tiles = disc_tiles(resolution, pixels, rows)
     image = buffers.zeros(device, (resolution, resolution, 3), np.float32)
     tile_buffer = buffers.upload(device, tiles)
-    light_buffer = buffers.upload(device, lights)
-    kernel = device.kernel("shade", PIXELS=pixels, ROWS=rows)
+    light_buffer = buffers.upload(device, light)
 
-    step = max(1, PAIRS_A_LAUNCH // (len(lights) * pixels * rows))
+    step = max(1, PAIRS_A_LAUNCH // (light.size // 6 * pixels * rows))
     with Progress("shading the sphere") as progress:
         for begin in range(0, len(tiles), step):
             count = min(step, len(tiles) - begin)
             event = kernel(
                 device.queue,
                 (count,),
-                (1,) if pixels > 1 else None,
+                None if pixels == 1 else (1,),
                 tile_buffer.buffer,
                 light_buffer.buffer,
-                np.uint32(len(lights)),
+                np.uint32(light.size // 6),
                 np.int32(resolution),
                 image.buffer,
                 global_offset=(begin,),

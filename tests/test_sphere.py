@@ -48,6 +48,15 @@ def test_shared_samples_meet_the_float64_sum(
     assert not image[~mask].any()
 
 
+@pytest.mark.parametrize("resolution", [1, 16, 33, 200])
+@pytest.mark.parametrize("count", [1, 15, 16, 17, 3000])
+def test_skipping_pairs_changes_nothing(device: Device, stiff: EnvironmentMap, resolution: int, count: int) -> None:
+    samples = build_distribution(device, stiff).sample(count, seed=2, sequence="sobol")
+    image = shade(device, samples.direction, samples.flux, resolution)
+    brute = shade(device, samples.direction, samples.flux, resolution, brute_force=True)
+    assert np.abs(image - brute).max() <= 2e-6 * brute.max()
+
+
 def test_the_exact_image_meets_the_float64_sum(device: Device) -> None:
     radiance = stiff_radiance(64, 128)
     image = exact(device, EnvironmentMap(radiance), 33)
