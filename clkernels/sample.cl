@@ -8,6 +8,7 @@
 // radiance                height x width x 3
 // theta, phi              (sin, cos) of every row and of every column
 // scale, inverse_total    powers and reciprocals that make p a probability
+// points                  (count, 2) fractions of 2^32 instead of count and seed
 //
 // One work-item a sample.
 
@@ -30,6 +31,7 @@ kernel void sample(global const uint *restrict row_cdf,
 #ifdef SEQUENCE_GIVEN
                    global const uint2 *restrict points,
 #else
+                   const uint count,
                    const uint2 seed,
 #endif
                    global int *restrict pixel,
@@ -41,7 +43,7 @@ kernel void sample(global const uint *restrict row_cdf,
 #ifdef SEQUENCE_GIVEN
     const uint2 u = points[i];
 #else
-    const uint2 u = sequence_point(i, get_global_size(0), 0u, seed);
+    const uint2 u = sequence_point(i, count, 0u, seed);
 #endif
 
     const uint y = invert_cdf(marginal_cdf, height, u.y);

@@ -18,8 +18,10 @@ from .buffers import DeviceArray
 from .device import Device
 from .envmap import EnvironmentMap, column_angles, row_angles, solid_angles
 from .errors import LightdomeError
+from .progress import Progress
 from .samples import SEQUENCES, Samples
 
+SAMPLES_A_LAUNCH = 2**20  # between two updates of the progress line
 BLACK = "the map is black everywhere, so there is no light to sample; use another map"
 
 
@@ -60,7 +62,9 @@ class Distribution:
             raise LightdomeError(f"unknown sequence {sequence!r}; there is {', '.join(SEQUENCES)}")
         if not 0 < count < 2**31:
             raise LightdomeError(f"cannot draw {count} samples; ask for 1 to 2147483647")
-        return self._sample(count, philox_key(seed), {f"SEQUENCE_{sequence.upper()}": 1}, sequence, seed)
+        return self._sample(
+            count, (np.uint32(count), philox_key(seed)), {f"SEQUENCE_{sequence.upper()}": 1}, sequence, seed
+        )
 
     def sample_at(self, points: np.ndarray) -> Samples:
         """The samples at given ``points``, (N, 2) in [0, 1): column 0 picks x within a row, column 1 picks y.
@@ -73,9 +77,12 @@ class Distribution:
         if not ((points >= 0) & (points < 1)).all():
             raise LightdomeError("points lie in [0, 1)")
         bits = np.floor(points * 2.0**32).astype(np.uint32)
-        return self._sample(len(bits), buffers.upload(self.device, bits).buffer, {"SEQUENCE_GIVEN": 1}, "given", 0)
+        given = (buffers.upload(self.device, bits).buffer,)
+        return self._sample(len(bits), given, {"SEQUENCE_GIVEN": 1}, "given", 0)
 
-    def _sample(self, count: int, points: object, defines: dict[str, int], sequence: str, seed: int) -> Samples:
+    def _sample(
+        self, count: int, points: tuple[object, ...], defines: dict[str, int], sequence: str, seed: int
+    ) -> Samples:
         if self.total == 0:
             raise LightdomeError(BLACK)
         device = self.device
@@ -83,26 +90,33 @@ class Distribution:
         probability = buffers.empty(device, count, np.float32)
         direction = buffers.empty(device, (count, 3), np.float32)
         radiance = buffers.empty(device, (count, 3), np.float32)
-        event = device.kernel("sample", **defines)(
-            device.queue,
-            (count,),
-            None,
-            self.row_cdf.buffer,
-            self.marginal_cdf.buffer,
-            self.radiance.buffer,
-            self.theta.buffer,
-            self.phi.buffer,
-            np.uint32(self.envmap.width),
-            np.uint32(self.envmap.height),
-            np.float32(self.scale),
-            np.float32(1 / self.total),
-            points,
-            pixel.buffer,
-            probability.buffer,
-            direction.buffer,
-            radiance.buffer,
-        )
-        device.profile.record("search", event)
+        kernel = device.kernel("sample", **defines)
+        with Progress("sampling") as progress:
+            for begin in range(0, count, SAMPLES_A_LAUNCH):
+                event = kernel(
+                    device.queue,
+                    (min(SAMPLES_A_LAUNCH, count - begin),),
+                    None,
+                    self.row_cdf.buffer,
+                    self.marginal_cdf.buffer,
+                    self.radiance.buffer,
+                    self.theta.buffer,
+                    self.phi.buffer,
+                    np.uint32(self.envmap.width),
+                    np.uint32(self.envmap.height),
+                    np.float32(self.scale),
+                    np.float32(1 / self.total),
+                    *points,
+                    pixel.buffer,
+                    probability.buffer,
+                    direction.buffer,
+                    radiance.buffer,
+                    global_offset=(begin,),
+                )
+                device.profile.record("search", event)
+                if count > SAMPLES_A_LAUNCH:
+                    event.wait()
+                    progress.update(min(1.0, (begin + SAMPLES_A_LAUNCH) / count))
         return Samples(
             direction=buffers.download(device, direction),
             radiance=buffers.download(device, radiance),

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from conftest import chi_square_z, stiff_radiance
 from lightdome import buffers, reference
+from lightdome import distribution as distribution_module
 from lightdome.device import Device
 from lightdome.distribution import build_distribution
 from lightdome.envmap import EnvironmentMap
 from lightdome.errors import LightdomeError
-from lightdome.samples import Samples
+from lightdome.samples import SEQUENCES, Samples
 
 SHAPES = [(1, 1), (1, 40), (40, 1), (2, 2), (15, 31), (16, 32), (17, 33), (64, 100)]
 
@@ -155,6 +156,17 @@ def test_a_bright_pixel_does_not_spoil_its_neighbours(device: Device) -> None:
     )
     x, y = samples.pixel.T
     np.testing.assert_allclose(samples.probability, reference.probability(radiance)[y, x], rtol=1e-6)
+
+
+def test_many_samples_are_the_same_as_few_in_one_launch(
+    device: Device, stiff: EnvironmentMap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    distribution = build_distribution(device, stiff)
+    for sequence in SEQUENCES:
+        whole = distribution.sample(1000, 3, sequence).pixel
+        with monkeypatch.context() as patch:
+            patch.setattr(distribution_module, "SAMPLES_A_LAUNCH", 300)
+            np.testing.assert_array_equal(distribution.sample(1000, 3, sequence).pixel, whole)
 
 
 def test_mistakes_are_told(device: Device, stiff: EnvironmentMap) -> None:
