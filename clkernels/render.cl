@@ -19,11 +19,12 @@
 // evenly over its solid angle: this integral is the sum over centres less about (pi / height)^2 / 8 of it.
 //
 // edge   cos(theta) at the height + 1 borders of rows
-// sum    resolution x resolution x 3, the samples so far; this adds samples begin .. end - 1
+// sum    resolution x resolution double words of 3, the samples so far; this adds samples begin .. end - 1
 //
 // One work-item a pixel. Sample s of pixel i is point s of stream i, whatever ran before; the second
 // point that `mis` needs is of stream 2^31 + i.
 
+#include "double_word.clh"
 #include "sequence.clh"
 #include "invert_cdf.clh"
 #include "normal.clh"
@@ -162,5 +163,8 @@ kernel void render(global const uint *restrict row_cdf,
         samples += light_sample(&light, normal, u) + bsdf_sample(&light, normal, second);
 #endif
     }
-    vstore3(vload3(index, sum) + samples, index, sum);
+    float3 hi = vload3(2 * index, sum), lo = vload3(2 * index + 1, sum);
+    DOUBLE_WORD_ADD(float3, hi, lo, samples);
+    vstore3(hi, 2 * index, sum);
+    vstore3(lo, 2 * index + 1, sum);
 }

@@ -9,11 +9,12 @@
 // below the horizon are drawn, and the noise of the cosine is gone but for the size of cells and tiles.
 // (Two-stage importance sampling: Cline et al. 2006; product sampling: Clarberg et al. 2005.)
 //
-// sum            resolution x resolution x 3, the samples so far; this adds samples begin .. end - 1
+// sum            resolution x resolution double words of 3; this adds samples begin .. end - 1
 // inverse_total  of S sin(theta) over the map, so that a tile's total leaves `sum` without the map's scale
 //
 // One work-item a pixel. Sample s of pixel i is point s of stream i, whatever ran before.
 
+#include "double_word.clh"
 #include "sequence.clh"
 #include "invert_cdf.clh"
 #include "normal.clh"
@@ -74,5 +75,9 @@ kernel void render_product(global const uint *restrict tile_column_cdf,
             samples += L * (cosine / guess / (L.x + L.y + L.z));
         }
     }
-    vstore3(vload3(index, sum) + samples * (total * inverse_total), index, sum);
+    samples *= total * inverse_total;
+    float3 hi = vload3(2 * index, sum), lo = vload3(2 * index + 1, sum);
+    DOUBLE_WORD_ADD(float3, hi, lo, samples);
+    vstore3(hi, 2 * index, sum);
+    vstore3(lo, 2 * index + 1, sum);
 }

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     import pyopencl as cl
 
 SAMPLES_A_LAUNCH = 2**22  # pixels x spp between two updates of the progress line
+SAMPLES_A_SUM = 128  # spp that a launch sums in single precision; the sum over launches is in double words
 ESTIMATORS = ("light", "bsdf", "mis", "product")
 SEQUENCES = ("independent", "sobol")
 
@@ -91,8 +92,8 @@ def render(
         defines[f"ESTIMATOR_{estimator.upper()}"] = 1
         launch, flux = _launch(distribution, mis_compensation, len(disc), defines)
     pixels = buffers.upload(device, disc)
-    total = buffers.zeros(device, (resolution, resolution, 3), np.float32)
-    step = max(1, SAMPLES_A_LAUNCH // len(disc))
+    total = buffers.zeros(device, (resolution, resolution, 2, 3), np.float32)
+    step = min(max(1, SAMPLES_A_LAUNCH // len(disc)), SAMPLES_A_SUM)
     done = 0
     with Progress("rendering") as progress:
         for target in sorted(set(spp)):
@@ -103,8 +104,8 @@ def render(
                 done = end
                 progress.update(done / max(spp))
             # In float64: albedo F / pi can be above float32's range where no radiance is.
-            image = buffers.download(device, total) * np.float64(albedo / np.pi * flux / target)
-            yield target, image.astype(np.float32)
+            image = buffers.download(device, total).sum(axis=2, dtype=np.float64)
+            yield target, (image * (albedo / np.pi * flux / target)).astype(np.float32)
 
 
 def _launch(
