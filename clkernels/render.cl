@@ -28,6 +28,7 @@
 #include "sequence.clh"
 #include "invert_cdf.clh"
 #include "normal.clh"
+#include "angle.clh"
 
 #define FRACTION 0x1p-32f
 
@@ -80,8 +81,8 @@ static inline float3 light_sample(const Light *light, float3 normal, uint2 u)
     const uint x = invert_cdf_rest(light->row_cdf + (size_t)y * light->width, light->width, &across);
     const float cos_theta = mix(light->edge[y], light->edge[y + 1], down * FRACTION);
     const float sin_theta = sqrt(fmax((1.0f - cos_theta) * (1.0f + cos_theta), 0.0f));
-    const float phi = 2.0f * (x + across * FRACTION) / light->width;
-    const float cosine = dot(normal, (float3)(sin_theta * cospi(phi), cos_theta, sin_theta * sinpi(phi)));
+    const float2 p = sine_cosine((uint)((((ulong)x << 32) + across) / light->width));
+    const float cosine = dot(normal, (float3)(sin_theta * p.y, cos_theta, sin_theta * p.x));
     const float3 L = radiance_at(light, x, y);
     const float q = density(light, L);
     if (cosine <= 0.0f || q <= 0.0f)
@@ -101,11 +102,11 @@ static inline float3 from_frame(float3 n, float3 v)
     return v.x * (float3)(1.0f + n.x * n.x * a, b, -n.x) + v.y * (float3)(b, 1.0f + n.y * n.y * a, -n.y) + v.z * n;
 }
 
-// The radiance of the pixel that w lies in; atan2 keeps its digits at the poles, where acos does not.
+// The radiance of the pixel that w lies in; an arc tangent keeps its digits at the poles, an arc cosine does not.
 static inline float3 radiance_towards(const Light *light, float3 w)
 {
-    const float v = atan2(sqrt(w.x * w.x + w.z * w.z), w.y) * M_1_PI_F;
-    const float u = atan2(w.z, w.x) * (0.5f * M_1_PI_F);
+    const float v = 2.0f * turns(sqrt(w.x * w.x + w.z * w.z), w.y);
+    const float u = turns(w.z, w.x);
     const uint y = min((uint)(v * light->height), light->height - 1);
     const uint x = min((uint)((u < 0.0f ? u + 1.0f : u) * light->width), light->width - 1);
     return radiance_at(light, x, y);
@@ -114,9 +115,10 @@ static inline float3 radiance_towards(const Light *light, float3 w)
 // Malley's method: even over the disc, projected up to the hemisphere.
 static inline float3 bsdf_sample(const Light *light, float3 normal, uint2 u)
 {
-    const float r2 = u.x * FRACTION, angle = u.y * (2.0f * FRACTION);
+    const float r2 = u.x * FRACTION;
     const float r = sqrt(r2), cosine = sqrt(1.0f - r2);
-    const float3 w = from_frame(normal, (float3)(r * cospi(angle), r * sinpi(angle), cosine));
+    const float2 angle = sine_cosine(u.y);
+    const float3 w = from_frame(normal, (float3)(r * angle.y, r * angle.x, cosine));
     const float3 L = radiance_towards(light, w);
 #ifdef ESTIMATOR_MIS
     const float ratio = density(light, L) / fmax(cosine, FLT_MIN);

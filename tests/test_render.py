@@ -42,7 +42,7 @@ def distribution(device: Device) -> Distribution:
 def small(device: Device) -> Distribution:
     """Few and large pixels, none alike: a wrong sign, swapped axes or half a pixel change the image."""
     rng = np.random.default_rng(3)
-    radiance = np.exp(rng.normal(0, 1.5, (7, 10, 3))).astype(np.float32)
+    radiance = np.exp(rng.normal(0, 1, (7, 10, 3))).astype(np.float32)
     radiance[2, 3:5] = radiance[4] = 0
     return build_distribution(device, EnvironmentMap(radiance))
 
@@ -69,7 +69,7 @@ def z_scores(images: np.ndarray, expected: np.ndarray) -> np.ndarray:
 def test_the_mean_over_seeds_meets_the_exact_image(
     small: Distribution, options: dict[str, object], sequence: str
 ) -> None:
-    images = np.stack([one(small, 16, seed=seed, sequence=sequence, **options) for seed in range(120)])
+    images = np.stack([one(small, 32, seed=seed, sequence=sequence, **options) for seed in range(100)])
     z = z_scores(images, limit(small.envmap.radiance, str(options["estimator"])))
     # Pixels and channels are hundreds of tests, but for the three channels of a pixel independent ones.
     assert abs(z.mean()) < 0.15
@@ -140,6 +140,20 @@ def test_the_product_has_less_noise_than_the_rest(distribution: Distribution, ta
     assert error["product"] < 0.7 * min(error[e] for e in ESTIMATORS if e != "product")
 
 
+def test_cells_and_tiles_of_many_pixels_leave_nothing_out(device: Device) -> None:
+    # A band of light, so that many normals see only a part of a cell; cells are 5 x 4 pixels, tiles 4 x 4.
+    radiance = np.full((100, 300, 3), 1e-6, np.float32)
+    radiance[48:60] = np.random.default_rng(2).random((12, 300, 1))
+    radiance[:, 90:] *= 1e-3
+    distribution = build_distribution(device, EnvironmentMap(radiance))
+    image, expected = one(distribution, 1024, 99, estimator="product", sequence="sobol"), exact(radiance, 1, 99)
+    mask = disc_mask(99)
+    relative = image[mask] / expected[mask] - 1
+    # With half the reach of cells and tiles the first is 0.0010, with a quarter the second is 2e-4.
+    assert np.abs(relative).mean() < 0.0009
+    assert abs(relative.mean()) < 1e-4
+
+
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 7), (5, 1), (2, 2), (33, 65), (70, 129)])
 def test_any_shape_of_map(device: Device, height: int, width: int) -> None:
     rng = np.random.default_rng(height)
@@ -178,13 +192,12 @@ def test_next_to_a_pixel_that_outshines_all(device: Device, small: Distribution)
     radiance = small.envmap.radiance.copy()
     radiance[1, 2] = 1e12  # towards +x +z, seen by most normals
     distribution = build_distribution(device, EnvironmentMap(radiance))
-    with np.errstate(all="raise"):
-        for options in ALL:
-            image = one(distribution, 256, sequence="sobol", **options)
-            assert np.isfinite(image).all()
-            if options["estimator"] != "bsdf":
-                expected = limit(radiance, str(options["estimator"]))
-                assert reference.relative_rmse(image, expected) < 0.05
+    for options in ALL:
+        image = one(distribution, 256, sequence="sobol", **options)
+        assert np.isfinite(image).all()
+        if options["estimator"] != "bsdf":
+            expected = limit(radiance, str(options["estimator"]))
+            assert reference.relative_rmse(image, expected) < 0.05
     # The product's normals that cannot see it have no more noise than without it.
     expected = exact(radiance)
     dark = disc_mask(R) & (expected[..., 1] < 1e3)
