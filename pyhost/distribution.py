@@ -142,13 +142,31 @@ def build_distribution(device: Device, envmap: EnvironmentMap) -> Distribution:
     radiance = buffers.upload(device, envmap.radiance)
     theta = buffers.upload(device, _sine_cosine(row_angles(height)))
     phi = buffers.upload(device, _sine_cosine(column_angles(width)))
+    scale = _range_scale(envmap.peak)
+    row_cdf, marginal_cdf, total = build_cdfs(device, radiance, scale)
+    return Distribution(
+        device=device,
+        envmap=envmap,
+        radiance=radiance,
+        row_cdf=row_cdf,
+        marginal_cdf=marginal_cdf,
+        theta=theta,
+        phi=phi,
+        scale=scale,
+        total=total,
+    )
+
+
+def build_cdfs(
+    device: Device, radiance: DeviceArray, scale: float, offset: float = 0.0
+) -> tuple[DeviceArray, DeviceArray, float]:
+    """The CDF of every row, the CDF over rows, and the total, of max(0, scale (R + G + B) - offset) sin(theta)."""
+    height, width = radiance.shape[:2]
     sin_theta = buffers.upload(device, np.sin(row_angles(height)).astype(np.float32))
     row_cdf = buffers.empty(device, (height, width), np.uint32)
     row_sum = buffers.empty(device, (height, 2), np.float32)
     marginal_cdf = buffers.empty(device, height, np.uint32)
     total = buffers.empty(device, 2, np.float32)
-    scale = _range_scale(envmap.peak)
-
     event = device.kernel("row_cdf")(
         device.queue,
         (height,),
@@ -156,6 +174,7 @@ def build_distribution(device: Device, envmap: EnvironmentMap) -> Distribution:
         radiance.buffer,
         np.uint32(width),
         np.float32(scale),
+        np.float32(offset),
         row_cdf.buffer,
         row_sum.buffer,
     )
@@ -171,17 +190,7 @@ def build_distribution(device: Device, envmap: EnvironmentMap) -> Distribution:
         total.buffer,
     )
     device.profile.record("marginal cdf", event)
-    return Distribution(
-        device=device,
-        envmap=envmap,
-        radiance=radiance,
-        row_cdf=row_cdf,
-        marginal_cdf=marginal_cdf,
-        theta=theta,
-        phi=phi,
-        scale=scale,
-        total=float(buffers.download(device, total).astype(np.float64).sum()),
-    )
+    return row_cdf, marginal_cdf, float(buffers.download(device, total).astype(np.float64).sum())
 
 
 def _sine_cosine(angle: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The per-pixel renderer is unbiased and its error falls as 1 / sqrt(spp)."""
+"""The per-pixel renderer: every estimator is unbiased with every sequence, on any map."""
 
 from __future__ import annotations
 
@@ -11,9 +11,26 @@ from lightdome.disc import disc_mask
 from lightdome.distribution import Distribution, build_distribution
 from lightdome.envmap import EnvironmentMap
 from lightdome.errors import LightdomeError
-from lightdome.render import render
+from lightdome.render import ESTIMATORS, SEQUENCES, render
 
 R = 24
+CENTRES = ("light", "product")  # see the pixels of the map as directions, the others as areas
+ALL = [{"estimator": e} for e in ESTIMATORS] + [{"estimator": "mis", "mis_compensation": True}]
+NAMES = [*ESTIMATORS, "compensated"]
+
+
+def exact(radiance: np.ndarray, split: int = 1, resolution: int = R) -> np.ndarray:
+    """The float64 image; with each pixel of the map split into split x split of the same radiance."""
+    image = np.zeros((resolution, resolution, 3))
+    mask = disc_mask(resolution)
+    fine = radiance.repeat(split, axis=0).repeat(split, axis=1)
+    image[mask] = reference.exact(fine, reference.normals(resolution)[mask])
+    return image
+
+
+def limit(radiance: np.ndarray, estimator: str, resolution: int = R) -> np.ndarray:
+    """What an estimator converges to."""
+    return exact(radiance, 1 if estimator in CENTRES else max(1, 128 // len(radiance)), resolution)
 
 
 @pytest.fixture(scope="module")
@@ -22,63 +39,214 @@ def distribution(device: Device) -> Distribution:
 
 
 @pytest.fixture(scope="module")
+def small(device: Device) -> Distribution:
+    """Few and large pixels, none alike: a wrong sign, swapped axes or half a pixel change the image."""
+    rng = np.random.default_rng(3)
+    radiance = np.exp(rng.normal(0, 1, (7, 10, 3))).astype(np.float32)
+    radiance[2, 3:5] = radiance[4] = 0
+    return build_distribution(device, EnvironmentMap(radiance))
+
+
+@pytest.fixture(scope="module")
 def target(distribution: Distribution) -> np.ndarray:
-    image = np.zeros((R, R, 3))
-    mask = disc_mask(R)
-    image[mask] = reference.exact(distribution.envmap.radiance, reference.normals(R)[mask])
+    return exact(distribution.envmap.radiance)
+
+
+def one(distribution: Distribution, spp: int, resolution: int = R, **options: object) -> np.ndarray:
+    ((_, image),) = render(distribution, [spp], resolution, **options)
     return image
 
 
-def one(distribution: Distribution, spp: int, **options: float) -> np.ndarray:
-    ((_, image),) = render(distribution, [spp], R, **options)
-    return image
+def z_scores(images: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """How many standard errors the mean over seeds is off, for every pixel inside the disc and channel."""
+    mask = disc_mask(images.shape[1])
+    error = (images.mean(axis=0, dtype=np.float64) - expected)[mask]
+    return error / (images.std(axis=0, ddof=1, dtype=np.float64) / np.sqrt(len(images)))[mask]
 
 
-def test_the_mean_over_seeds_meets_the_exact_image(distribution: Distribution, target: np.ndarray) -> None:
-    images = np.stack([one(distribution, 16, seed=seed) for seed in range(200)])
-    mask = disc_mask(R)
-    error = (images.mean(axis=0) - target)[mask]
-    standard_error = (images.std(axis=0, ddof=1) / np.sqrt(len(images)))[mask]
-    z = error / standard_error
-    # Pixels and channels are hundreds of tests: their z-scores have mean 0 and spread 1.
+@pytest.mark.parametrize("sequence", SEQUENCES)
+@pytest.mark.parametrize("options", ALL, ids=NAMES)
+def test_the_mean_over_seeds_meets_the_exact_image(
+    small: Distribution, options: dict[str, object], sequence: str
+) -> None:
+    images = np.stack([one(small, 32, seed=seed, sequence=sequence, **options) for seed in range(100)])
+    z = z_scores(images, limit(small.envmap.radiance, str(options["estimator"])))
+    # Pixels and channels are hundreds of tests, but for the three channels of a pixel independent ones.
+    assert abs(z.mean()) < 0.15
+    assert 0.85 < z.std() < 1.15
+    assert np.abs(z).max() < 6
+
+
+@pytest.mark.parametrize("options", ALL, ids=NAMES)
+def test_the_sum_over_many_samples_meets_the_exact_image(small: Distribution, options: dict[str, object]) -> None:
+    # 2^15 Sobol points a pixel: what is left is bias, if there is any.
+    image = one(small, 2**15, 9, sequence="sobol", **options)
+    expected = limit(small.envmap.radiance, str(options["estimator"]), 9)
+    assert reference.relative_rmse(image, expected) < (0.005 if options["estimator"] == "bsdf" else 0.001)
+
+
+@pytest.mark.parametrize("estimator", ["light", "product"])
+def test_a_hard_map_is_unbiased_too(distribution: Distribution, target: np.ndarray, estimator: str) -> None:
+    images = np.stack([one(distribution, 16, seed=seed, estimator=estimator) for seed in range(200)])
+    z = z_scores(images, target)
     assert abs(z.mean()) < 0.15
     assert 0.8 < z.std() < 1.25
     assert np.abs(z).max() < 6
 
 
-def test_the_error_falls_as_one_over_the_root_of_spp(distribution: Distribution, target: np.ndarray) -> None:
+@pytest.mark.parametrize("options", ALL, ids=NAMES)
+def test_the_error_falls_as_one_over_the_root_of_spp(small: Distribution, options: dict[str, object]) -> None:
+    expected = limit(small.envmap.radiance, str(options["estimator"]))
     errors = {
-        spp: np.mean([reference.relative_rmse(one(distribution, spp, seed=s), target) for s in range(6)])
-        for spp in (16, 64, 256, 1024)
+        spp: np.mean([reference.relative_rmse(one(small, spp, seed=s, **options), expected) for s in range(6)])
+        for spp in (16, 64, 256)
     }
-    for spp in (16, 64, 256):
+    for spp in (16, 64):
         assert errors[spp] / errors[4 * spp] == pytest.approx(2, rel=0.2)
 
 
+@pytest.mark.parametrize("options", ALL, ids=NAMES)
+def test_with_sobol_points_it_falls_faster(device: Device, options: dict[str, object]) -> None:
+    theta, phi = reference.angles(32, 64)
+    smooth = np.stack([2 + np.cos(theta), 2 + np.sin(theta) * np.cos(phi), 2 + np.sin(theta) * np.sin(phi)], axis=2)
+    distribution = build_distribution(device, EnvironmentMap(smooth))
+    expected = limit(distribution.envmap.radiance, str(options["estimator"]))
+
+    def error(spp: int, sequence: str) -> float:
+        images = [one(distribution, spp, seed=s, sequence=sequence, **options) for s in range(3)]
+        return float(np.mean([reference.relative_rmse(image, expected) for image in images]))
+
+    assert error(16, "sobol") / error(256, "sobol") > 6
+    assert error(256, "sobol") < 0.4 * error(256, "independent")
+
+
+def test_mis_is_not_much_worse_than_the_better_of_both(device: Device, distribution: Distribution) -> None:
+    def errors(distribution: Distribution, expected: np.ndarray) -> list[float]:
+        return [
+            float(np.mean([reference.relative_rmse(one(distribution, 64, seed=s, **o), expected) for s in range(4)]))
+            for o in ALL[:3]
+        ]
+
+    light, bsdf, mis = errors(distribution, limit(distribution.envmap.radiance, "mis"))
+    assert mis < 1.05 * light < bsdf
+    even = build_distribution(device, EnvironmentMap(np.ones((16, 32, 3))))
+    light, bsdf, mis = errors(even, np.repeat(disc_mask(R)[..., None], 3, axis=2).astype(np.float64))
+    assert bsdf < 1e-5  # the cosine is all that there is to sample
+    assert mis < 0.6 * light
+
+
+def test_the_product_has_less_noise_than_the_rest(distribution: Distribution, target: np.ndarray) -> None:
+    error = {e: reference.relative_rmse(one(distribution, 64, estimator=e), target) for e in ESTIMATORS}
+    assert error["product"] < 0.7 * min(error[e] for e in ESTIMATORS if e != "product")
+
+
+def test_cells_and_tiles_of_many_pixels_leave_nothing_out(device: Device) -> None:
+    # A band of light, so that many normals see only a part of a cell; cells are 5 x 4 pixels, tiles 4 x 4.
+    radiance = np.full((100, 300, 3), 1e-6, np.float32)
+    radiance[48:60] = np.random.default_rng(2).random((12, 300, 1))
+    radiance[:, 90:] *= 1e-3
+    distribution = build_distribution(device, EnvironmentMap(radiance))
+    image, expected = one(distribution, 1024, 99, estimator="product", sequence="sobol"), exact(radiance, 1, 99)
+    mask = disc_mask(99)
+    relative = image[mask] / expected[mask] - 1
+    # With half the reach of cells and tiles the first is 0.0010, with a quarter the second is 2e-4.
+    assert np.abs(relative).mean() < 0.0009
+    assert abs(relative.mean()) < 1e-4
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 7), (5, 1), (2, 2), (33, 65), (70, 129)])
+def test_any_shape_of_map(device: Device, height: int, width: int) -> None:
+    rng = np.random.default_rng(height)
+    radiance = rng.random((height, width, 3)).astype(np.float32)
+    distribution = build_distribution(device, EnvironmentMap(radiance))
+    for options in ALL:
+        image = one(distribution, 4096, 9, sequence="sobol", **options)
+        expected = limit(radiance, str(options["estimator"]), 9)
+        assert reference.relative_rmse(image, expected) < 0.02
+
+
+@pytest.mark.parametrize("pixel", [(0, 0), (0, 9), (3, 0), (3, 9), (6, 4), (6, 9)])
+def test_a_single_lit_pixel_at_poles_and_edges(device: Device, pixel: tuple[int, int]) -> None:
+    radiance = np.zeros((7, 10, 3), np.float32)
+    radiance[pixel] = 3, 2, 1
+    distribution = build_distribution(device, EnvironmentMap(radiance))
+    for options in ALL:
+        image = one(distribution, 4096, 9, sequence="sobol", **options)
+        expected = limit(radiance, str(options["estimator"]), 9)
+        assert reference.relative_rmse(image, expected) < (0.1 if options["estimator"] == "bsdf" else 0.01)
+        np.testing.assert_allclose(image[..., 0], 3 * image[..., 2], rtol=1e-5)
+
+
+@pytest.mark.parametrize("exponent", [-100, 120])
+@pytest.mark.parametrize("options", ALL, ids=NAMES)
+def test_the_scale_of_the_map_scales_the_image(
+    device: Device, small: Distribution, options: dict[str, object], exponent: int
+) -> None:
+    scaled = build_distribution(device, EnvironmentMap(np.ldexp(small.envmap.radiance, exponent)))
+    expected = one(small, 8, **options).astype(np.float64)
+    image = one(scaled, 8, **options).astype(np.float64)
+    np.testing.assert_allclose(np.ldexp(image, -exponent), expected, rtol=1e-4, atol=1e-6 * expected.max())
+
+
+def test_next_to_a_pixel_that_outshines_all(device: Device, small: Distribution) -> None:
+    radiance = small.envmap.radiance.copy()
+    radiance[1, 2] = 1e12  # towards +x +z, seen by most normals
+    distribution = build_distribution(device, EnvironmentMap(radiance))
+    for options in ALL:
+        image = one(distribution, 256, sequence="sobol", **options)
+        assert np.isfinite(image).all()
+        if options["estimator"] != "bsdf":
+            expected = limit(radiance, str(options["estimator"]))
+            assert reference.relative_rmse(image, expected) < 0.05
+    # The product's normals that cannot see it have no more noise than without it.
+    expected = exact(radiance)
+    dark = disc_mask(R) & (expected[..., 1] < 1e3)
+    assert dark.sum() > 10
+    assert np.abs(one(distribution, 256, estimator="product", sequence="sobol")[dark] / expected[dark] - 1).max() < 0.3
+
+
 def test_more_samples_continue_fewer(distribution: Distribution) -> None:
-    images = dict(render(distribution, [64, 8, 8, 16], R, seed=3))
-    assert list(images) == [8, 16, 64]
-    np.testing.assert_allclose(images[64], one(distribution, 64, seed=3), rtol=1e-5, atol=1e-7)
+    for options in ALL:
+        images = dict(render(distribution, [64, 8, 8, 16], R, seed=3, **options))
+        assert list(images) == [8, 16, 64]
+        np.testing.assert_allclose(images[64], one(distribution, 64, seed=3, **options), rtol=1e-4, atol=1e-7)
 
 
-def test_pixels_are_independent_of_each_other_and_of_the_seed(distribution: Distribution) -> None:
-    image, other = one(distribution, 4, seed=1), one(distribution, 4, seed=2)
+@pytest.mark.parametrize("sequence", SEQUENCES)
+def test_pixels_are_independent_of_each_other_and_of_the_seed(distribution: Distribution, sequence: str) -> None:
+    image, other = one(distribution, 4, seed=1, sequence=sequence), one(distribution, 4, seed=2, sequence=sequence)
     assert (image != other)[disc_mask(R)].mean() > 0.9
     assert len(np.unique(image[..., 0])) > 0.8 * disc_mask(R).sum()
 
 
 def test_outside_the_disc_is_black_and_albedo_scales(distribution: Distribution) -> None:
-    image = one(distribution, 4)
-    assert not image[~disc_mask(R)].any()
-    np.testing.assert_allclose(one(distribution, 4, albedo=0.5), image / 2, rtol=1e-6)
+    for estimator in ESTIMATORS:
+        image = one(distribution, 4, estimator=estimator)
+        assert not image[~disc_mask(R)].any()
+        np.testing.assert_allclose(one(distribution, 4, albedo=0.5, estimator=estimator), image / 2, rtol=1e-6)
 
 
 def test_a_black_map_renders_black(device: Device) -> None:
     black = build_distribution(device, EnvironmentMap(np.zeros((4, 8, 3))))
-    assert not one(black, 8).any()
+    for options in ALL:
+        assert not one(black, 8, **options).any()
 
 
 @pytest.mark.parametrize("spp", [[], [0], [8, -1]])
 def test_other_numbers_of_samples_are_refused(distribution: Distribution, spp: list[int]) -> None:
     with pytest.raises(LightdomeError, match="samples a pixel"):
         list(render(distribution, spp, R))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"estimator": "path"}, "light, bsdf, mis, product"),
+        ({"sequence": "halton"}, "independent, sobol"),
+        ({"mis_compensation": True}, "'mis', not 'light'"),
+        ({"seed": -1}, "a seed is"),
+    ],
+)
+def test_unknown_names_are_refused(distribution: Distribution, options: dict[str, object], words: str) -> None:
+    with pytest.raises(LightdomeError, match=words):
+        list(render(distribution, [1], R, **options))

@@ -1,0 +1,97 @@
+"""Sampling the product of light and cosine: coarse CDFs for every tile of the sphere's image.
+
+The map is cut into cells and the image into tiles. A tile picks a cell by the light it holds times about
+the cosine that the tile's normals have with it, and the cell picks one of its pixels by its light. So next
+to nothing is drawn below the horizon. Kernels: ``cells.cl``, ``product_cdf.cl``, ``render_product.cl``.
+Source: Cline, Egbert, Talbot, Cardon, Two Stage Importance Sampling for Direct Lighting (2006); Clarberg,
+Jarosz, Akenine-Möller, Jensen, Wavelet Importance Sampling (2005).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import buffers
+from .buffers import DeviceArray
+from .distribution import Distribution
+
+CELLS = (64, 32)  # most cells across and down the map
+TILES = 32  # most tiles across and down the image
+
+
+@dataclass(frozen=True)
+class ProductCDFs:
+    """CDFs of all tiles over the cells of a map, and of all cells over their pixels."""
+
+    tile_size: int
+    tile_column_cdf: DeviceArray  # (T, T, cells down, cells across) uint32
+    tile_row_cdf: DeviceArray  # (T, T, cells down) uint32
+    tiles: DeviceArray  # (T, T, 4) float32, mean normal and reach
+    tile_total: DeviceArray  # (T, T) float32
+    cell_size: tuple[int, int]  # pixels across and down
+    column_cdf: DeviceArray  # (H, W) uint32
+    row_cdf: DeviceArray  # (cells across, H) uint32
+    lights: DeviceArray  # (cells down, cells across, 4) float32, mean direction and reach
+
+
+def build_product_cdfs(distribution: Distribution, resolution: int) -> ProductCDFs:
+    """The CDFs for the image of ``resolution`` x ``resolution`` pixels under a map that is not black."""
+    device, envmap = distribution.device, distribution.envmap
+    cell_size = -(-envmap.width // CELLS[0]), -(-envmap.height // CELLS[1])
+    across, down = -(-envmap.width // cell_size[0]), -(-envmap.height // cell_size[1])
+    column_cdf = buffers.empty(device, (envmap.height, envmap.width), np.uint32)
+    row_cdf = buffers.empty(device, (across, envmap.height), np.uint32)
+    flux = buffers.empty(device, (down, across), np.float32)
+    lights = buffers.empty(device, (down, across, 4), np.float32)
+    event = device.kernel("cells")(
+        device.queue,
+        (across, down),
+        None,
+        distribution.radiance.buffer,
+        distribution.theta.buffer,
+        distribution.phi.buffer,
+        np.uint32(envmap.width),
+        np.uint32(envmap.height),
+        np.array(cell_size, np.uint32),
+        np.float32(distribution.scale),
+        column_cdf.buffer,
+        row_cdf.buffer,
+        flux.buffer,
+        lights.buffer,
+    )
+    device.profile.record("cells", event)
+
+    tile_size = -(-resolution // TILES)
+    count = -(-resolution // tile_size)
+    tiles = buffers.empty(device, (count, count, 4), np.float32)
+    tile_total = buffers.zeros(device, (count, count), np.float32)
+    tile_column_cdf = buffers.empty(device, (count, count, down, across), np.uint32)
+    tile_row_cdf = buffers.empty(device, (count, count, down), np.uint32)
+    event = device.kernel("product_cdf")(
+        device.queue,
+        (count, count),
+        None,
+        flux.buffer,
+        lights.buffer,
+        np.array((across, down), np.uint32),
+        np.int32(tile_size),
+        np.int32(resolution),
+        tiles.buffer,
+        tile_total.buffer,
+        tile_column_cdf.buffer,
+        tile_row_cdf.buffer,
+    )
+    device.profile.record("product cdf", event).wait()
+    return ProductCDFs(
+        tile_size=tile_size,
+        tile_column_cdf=tile_column_cdf,
+        tile_row_cdf=tile_row_cdf,
+        tiles=tiles,
+        tile_total=tile_total,
+        cell_size=cell_size,
+        column_cdf=column_cdf,
+        row_cdf=row_cdf,
+        lights=lights,
+    )
