@@ -15,15 +15,6 @@
 
 #include "prefix_sum.clh"
 
-static inline float16 weights(global const float *p, float scale)
-{
-    const float16 a = vload16(0, p), b = vload16(1, p), c = vload16(2, p);
-    const float16 red = (float16)(a.s0369, a.sc, a.sf, b.s258b, b.se, c.s147a, c.sd);
-    const float16 green = (float16)(a.s147a, a.sd, b.s0369, b.sc, b.sf, c.s258b, c.se);
-    const float16 blue = (float16)(a.s258b, a.se, b.s147a, b.sd, c.s0369, c.sc, c.sf);
-    return red * scale + green * scale + blue * scale;
-}
-
 kernel void row_cdf(global const float *restrict radiance,
                     const uint width,
                     const float scale,
@@ -44,8 +35,7 @@ kernel void row_cdf(global const float *restrict radiance,
 
     float rest[LANES] = {0.0f};
     for (uint x = whole; x < width; ++x) {
-        global const float *p = radiance + 3 * (size_t)x;
-        const float f = p[0] * scale + p[1] * scale + p[2] * scale;
+        const float f = weight(radiance + 3 * (size_t)x, scale);
         rest[x - whole] = f;
         cdf[x] = as_uint(f);
     }
