@@ -133,7 +133,7 @@ def build_distribution(device: Device, envmap: EnvironmentMap) -> Distribution:
     row_sum = buffers.empty(device, (height, 2), np.float32)
     marginal_cdf = buffers.empty(device, height, np.uint32)
     total = buffers.empty(device, 2, np.float32)
-    scale = _range_scale(envmap.peak)
+    scale = range_scale(envmap.peak)
 
     event = device.kernel("row_cdf")(
         device.queue,
@@ -175,7 +175,7 @@ def _sine_cosine(angle: np.ndarray) -> np.ndarray:
     return np.stack([np.sin(angle), np.cos(angle)], axis=1).astype(np.float32)
 
 
-def _range_scale(peak: float) -> float:
+def range_scale(peak: float) -> float:
     """A power of two that brings a map's peak to where no sum over a map can leave float32's range."""
     if peak == 0 or 2.0**-60 <= peak <= 2.0**60:
         return 1.0

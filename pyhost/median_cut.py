@@ -90,9 +90,7 @@ def regions(distribution: Distribution, count: int) -> np.ndarray:
         raise LightdomeError(BLACK)
     device, envmap = distribution.device, distribution.envmap
     table, lit, count = _table(distribution, count)
-    edge_sine = buffers.upload(
-        device, np.sin(np.pi * np.arange(envmap.height + 1) / envmap.height).astype(np.float32)
-    )
+    edge_sine = buffers.upload(device, np.sin(np.pi * np.arange(envmap.height + 1) / envmap.height).astype(np.float32))
     region = buffers.empty(device, (count, 4), np.uint32)
     event = device.kernel("median_cut")(
         device.queue,
