@@ -62,7 +62,6 @@ kernel void azimuth_sums(global const float *restrict radiance,
         DOUBLE_WORD_ADD(float8, hi, lo, term);
     }
 
-    const float8 total = hi + lo;
-    vstore3(total.s012, 2 * (y * orders + m), sum);
-    vstore3(total.s345, 2 * (y * orders + m) + 1, sum);
+    vstore3(hi.s012, 2 * (y * orders + m), sum);
+    vstore3(hi.s345, 2 * (y * orders + m) + 1, sum);
 }

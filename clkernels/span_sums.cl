@@ -26,5 +26,5 @@ kernel void span_sums(global const float *restrict radiance,
         const float8 term = (float8)(L.x, L.y, L.z, intensity * phi[x].y, intensity * phi[x].x, 0.0f, 0.0f, 0.0f);
         DOUBLE_WORD_ADD(float8, hi, lo, term);
     }
-    vstore8(hi + lo, get_global_id(0), sum);
+    vstore8(hi, get_global_id(0), sum);
 }

@@ -1,6 +1,6 @@
 """A set of directional lights, and files of them for other programs: PBRT and anything that reads a CSV.
 
-Lights come from samples (:meth:`Lights.of`) or from :func:`lightdome.median_cut.median_cut`;
+Lights come from samples (:meth:`Lights.of`) or from :func:`lightdome.mediancut.median_cut`;
 :func:`lightdome.sphere.shade` renders with them. Directions are those of the project: +y is up,
 (sin theta cos phi, cos theta, sin theta sin phi) for the map's angles.
 """

@@ -18,7 +18,7 @@ from lightdome.envmap import EnvironmentMap
 from lightdome.errors import LightdomeError
 from lightdome.images import read_image
 from lightdome.lights import Lights, write_csv, write_pbrt
-from lightdome.median_cut import median_cut
+from lightdome.mediancut import median_cut
 from lightdome.sphere import shade, shade_samples
 
 PBRT = os.environ.get("LIGHTDOME_PBRT") or shutil.which("pbrt")

@@ -10,7 +10,7 @@ from lightdome.device import Device
 from lightdome.distribution import build_distribution
 from lightdome.envmap import EnvironmentMap
 from lightdome.errors import LightdomeError
-from lightdome.median_cut import median_cut, regions
+from lightdome.mediancut import median_cut, regions
 from lightdome.sphere import exact, shade
 
 
@@ -95,9 +95,10 @@ def cut_in_float64(radiance: np.ndarray, count: int) -> list[tuple[int, int, int
 
 
 @pytest.mark.parametrize("count", [2, 4, 19, 64, 100])
-@pytest.mark.parametrize("kind", ["smooth", "stiff"])
+@pytest.mark.parametrize("kind", ["smooth", "stiff", "mirrored"])
 def test_regions_are_those_of_the_definition(device: Device, kind: str, count: int) -> None:
-    radiance = stiff_radiance(41, 83) if kind == "stiff" else smooth_radiance(64, 128)
+    radiance = smooth_radiance(64, 128) if kind == "smooth" else stiff_radiance(41, 83)
+    radiance = radiance[::-1, ::-1] if kind == "mirrored" else radiance
     if kind == "smooth":
         radiance *= np.random.default_rng(2).uniform(0.9, 1.1, (64, 128, 1)).astype(np.float32)  # no ties
     found = regions(build_distribution(device, EnvironmentMap(radiance)), count)
