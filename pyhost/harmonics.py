@@ -1,10 +1,10 @@
 """Irradiance by spherical harmonics: the analytic comparison, smooth, without any sample.
 
 A map's radiance is projected onto the real orthonormal harmonics Y_lm; the clamped cosine, which is a zonal
-filter, scales each order l by A_l. Nine coefficients (order 2) come within about 3 % of the exact image
-of Grace and of the default map, orders 18 and 24 within 0.1 %: A_l falls as l^(-5/2), and all odd A_l beyond l = 1 are 0. The image
-of few coefficients can be negative where the true one is dark; it is left so, since clamping would hide the
-error and shift the mean.
+filter, scales each order l by A_l. Nine coefficients (order 2) come within about 3 % of the exact image of
+Grace and of the default map; orders 18 and 24 within 0.1 %. A_l falls as l^(-5/2), and all odd A_l beyond
+l = 1 are 0. The image of few coefficients can be negative where the true one is dark; it is left so, since
+clamping would hide the error and shift the mean.
 
 The polar axis is +y, azimuth runs from +x to +z as in the map, and no Y_lm has the Condon-Shortley sign:
 Y_1,-1, Y_1,0, Y_1,1 = sqrt(3 / 4 pi) (z, y, x). In the code n is the degree l. Source: Ramamoorthi and
