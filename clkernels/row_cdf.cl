@@ -7,7 +7,7 @@
 //
 // radiance  height x width x 3 floats, finite and >= 0
 // scale     a power of two that keeps the sum over the map inside float's range
-// offset     0; the part of the light that something else samples, for MIS compensation
+// offset    0; the part of the light that something else samples, for MIS compensation
 // cdf       height x width integers
 // row_sum   height double words
 //
@@ -15,15 +15,6 @@
 // in `cdf`, the second turns them into sums while they are still in the cache.
 
 #include "prefix_sum.clh"
-
-static inline float16 weights(global const float *p, float scale, float offset)
-{
-    const float16 a = vload16(0, p), b = vload16(1, p), c = vload16(2, p);
-    const float16 red = (float16)(a.s0369, a.sc, a.sf, b.s258b, b.se, c.s147a, c.sd);
-    const float16 green = (float16)(a.s147a, a.sd, b.s0369, b.sc, b.sf, c.s258b, c.se);
-    const float16 blue = (float16)(a.s258b, a.se, b.s147a, b.sd, c.s0369, c.sc, c.sf);
-    return fmax(red * scale + green * scale + blue * scale - offset, 0.0f);
-}
 
 kernel void row_cdf(global const float *restrict radiance,
                     const uint width,
@@ -39,15 +30,14 @@ kernel void row_cdf(global const float *restrict radiance,
     float16 hi = 0.0f, lo = 0.0f;
     const uint whole = width - width % LANES;
     for (uint x = 0; x < whole; x += LANES) {
-        const float16 f = weights(radiance + 3 * (size_t)x, scale, offset);
+        const float16 f = fmax(weights(radiance + 3 * (size_t)x, scale) - offset, 0.0f);
         DOUBLE_WORD_ADD(float16, hi, lo, f);
         vstore16(as_uint16(f), 0, cdf + x);
     }
 
     float rest[LANES] = {0.0f};
     for (uint x = whole; x < width; ++x) {
-        global const float *p = radiance + 3 * (size_t)x;
-        const float f = fmax(p[0] * scale + p[1] * scale + p[2] * scale - offset, 0.0f);
+        const float f = fmax(weight(radiance + 3 * (size_t)x, scale) - offset, 0.0f);
         rest[x - whole] = f;
         cdf[x] = as_uint(f);
     }

@@ -11,8 +11,9 @@
 
 Data flows one way: a map (:mod:`.envmap`) becomes a distribution (:mod:`.distribution`), that becomes
 samples (:mod:`.samples`), and those light a sphere (:mod:`.sphere`). :mod:`.render` draws the same
-sphere per pixel, :mod:`.pbrt` lets PBRT draw it, :mod:`.fresnel` stands alone, and :mod:`.reference`
-holds what all of it is checked against.
+sphere per pixel, :mod:`.pbrt` lets PBRT draw it, :mod:`.mediancut` and :mod:`.harmonics` light it without
+chance, :mod:`.lights` writes light sets for other programs, :mod:`.fresnel` stands alone, and
+:mod:`.reference` holds what all of it is checked against.
 """
 
 from __future__ import annotations
@@ -27,7 +28,10 @@ if TYPE_CHECKING:
     from .distribution import Distribution, build_distribution
     from .envmap import EnvironmentMap
     from .errors import LightdomeError
+    from .harmonics import Harmonics, project, shade_harmonics
     from .images import auto_exposure, read_image, tone_map, write_image
+    from .lights import Lights, write_csv, write_pbrt
+    from .mediancut import median_cut
     from .samples import Samples
     from .sphere import exact, shade, shade_samples
 
@@ -39,10 +43,17 @@ _HOME = {
     "build_distribution": "distribution",
     "EnvironmentMap": "envmap",
     "LightdomeError": "errors",
+    "Harmonics": "harmonics",
+    "project": "harmonics",
+    "shade_harmonics": "harmonics",
     "auto_exposure": "images",
     "read_image": "images",
     "tone_map": "images",
     "write_image": "images",
+    "Lights": "lights",
+    "write_csv": "lights",
+    "write_pbrt": "lights",
+    "median_cut": "mediancut",
     "Samples": "samples",
     "exact": "sphere",
     "shade": "sphere",
@@ -53,18 +64,25 @@ __all__ = [
     "Device",
     "Distribution",
     "EnvironmentMap",
+    "Harmonics",
     "LightdomeError",
+    "Lights",
     "Samples",
     "__version__",
     "auto_exposure",
     "build_distribution",
     "exact",
+    "median_cut",
     "open_device",
+    "project",
     "read_image",
     "shade",
+    "shade_harmonics",
     "shade_samples",
     "tone_map",
+    "write_csv",
     "write_image",
+    "write_pbrt",
 ]
 
 

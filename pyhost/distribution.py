@@ -142,7 +142,7 @@ def build_distribution(device: Device, envmap: EnvironmentMap) -> Distribution:
     radiance = buffers.upload(device, envmap.radiance)
     theta = buffers.upload(device, _sine_cosine(row_angles(height)))
     phi = buffers.upload(device, _sine_cosine(column_angles(width)))
-    scale = _range_scale(envmap.peak)
+    scale = range_scale(envmap.peak)
     row_cdf, marginal_cdf, total = build_cdfs(device, radiance, scale)
     return Distribution(
         device=device,
@@ -198,7 +198,7 @@ def _sine_cosine(angle: np.ndarray) -> np.ndarray:
     return np.stack([np.sin(angle), np.cos(angle)], axis=1).astype(np.float32)
 
 
-def _range_scale(peak: float) -> float:
+def range_scale(peak: float) -> float:
     """A power of two that brings a map's peak to where no sum over a map can leave float32's range."""
     if peak == 0 or 2.0**-60 <= peak <= 2.0**60:
         return 1.0

@@ -1,0 +1,22 @@
+// Prefix sums down the columns, in place: what row_sums.cl left becomes a summed-area table (Crow 1984).
+//
+//     energy(x, y) = sum over i <= x, j <= y of the light of pixel (i, j); so with lit
+//
+// One work-item a strip of COLUMNS columns.
+
+kernel void column_sums(const uint width, const uint height, global ulong *restrict energy, global uint *restrict lit)
+{
+    const uint first = get_global_id(0) * COLUMNS;
+    const uint columns = min((uint)COLUMNS, width - first);
+    ulong energy_carry[COLUMNS] = {0};
+    uint lit_carry[COLUMNS] = {0};
+    for (uint y = 0; y < height; ++y) {
+        const size_t at = (size_t)y * width + first;
+        for (uint x = 0; x < columns; ++x) {
+            energy_carry[x] += energy[at + x];
+            energy[at + x] = energy_carry[x];
+            lit_carry[x] += lit[at + x];
+            lit[at + x] = lit_carry[x];
+        }
+    }
+}

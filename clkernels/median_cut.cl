@@ -1,0 +1,122 @@
+// Cut a map into rectangles of equal energy (Debevec, A Median Cut Algorithm for Light Probe Sampling, 2005).
+//
+// A region that is to hold n lights is cut across its longer side, where its first part holds floor(n / 2) / n
+// of its energy or as near as a pixel's edge comes; the two parts share the n lights by the energy they have.
+// The length along a row is measured where the region is nearest to the equator. Each part holds a lit pixel,
+// and no more lights than lit pixels.
+//
+// energy, lit  height x width, summed-area tables (column_sums.cl); light_count <= the lit pixels
+// edge_sine    height + 1 floats, sin(theta) of the rows' edges
+// region       light_count x (x0, y0, x1, y1): columns x0 .. x1 - 1 and rows y0 .. y1 - 1
+//
+// One work-item a light: it walks down the tree of cuts to its own region. Light i of a region of n lights is in
+// the first part if that holds more than i.
+
+typedef struct {
+    global const ulong *energy;
+    global const uint *lit;
+    uint width;
+} Table;
+
+static inline ulong energy_of(const Table *t, uint4 r)
+{
+    const size_t top = (size_t)(r.y - 1) * t->width, bottom = (size_t)(r.w - 1) * t->width;
+    ulong sum = t->energy[bottom + r.z - 1];
+    if (r.x > 0)
+        sum -= t->energy[bottom + r.x - 1];
+    if (r.y > 0)
+        sum -= t->energy[top + r.z - 1];
+    if (r.x > 0 && r.y > 0)
+        sum += t->energy[top + r.x - 1];
+    return sum;
+}
+
+static inline uint lit_in(const Table *t, uint4 r)
+{
+    const size_t top = (size_t)(r.y - 1) * t->width, bottom = (size_t)(r.w - 1) * t->width;
+    uint sum = t->lit[bottom + r.z - 1];
+    if (r.x > 0)
+        sum -= t->lit[bottom + r.x - 1];
+    if (r.y > 0)
+        sum -= t->lit[top + r.z - 1];
+    if (r.x > 0 && r.y > 0)
+        sum += t->lit[top + r.x - 1];
+    return sum;
+}
+
+// The part of r before column (axis 0) or row (axis 1) k.
+static inline uint4 before(uint4 r, int axis, uint k)
+{
+    return axis == 0 ? (uint4)(r.x, r.y, k, r.w) : (uint4)(r.x, r.y, r.z, k);
+}
+
+// Where to cut r so that `target` of its `total` energy comes first; 0 if one row or column holds all of it.
+static inline uint cut(const Table *t, uint4 r, int axis, ulong target, ulong total)
+{
+    // The first k with more than the target before it.
+    uint low = axis == 0 ? r.x : r.y, high = axis == 0 ? r.z : r.w;
+    const uint begin = low;
+    ulong after = total;
+    while (high - low > 1) {
+        const uint middle = low + (high - low) / 2;
+        const ulong e = energy_of(t, before(r, axis, middle));
+        if (e > target) {
+            high = middle;
+            after = e;
+        } else {
+            low = middle;
+        }
+    }
+    const ulong first = low == begin ? 0 : energy_of(t, before(r, axis, low));
+    if (first == 0)
+        return after == total ? 0 : high;
+    return after == total || target - first <= after - target ? low : high;
+}
+
+kernel void median_cut(global const ulong *restrict energy,
+                       global const uint *restrict lit,
+                       global const float *restrict edge_sine,
+                       const uint width,
+                       const uint height,
+                       const uint light_count,
+                       global uint *restrict region)
+{
+    const Table table = {energy, lit, width};
+    uint4 r = (uint4)(0, 0, width, height);
+    uint n = light_count, i = get_global_id(0);
+    ulong total = energy_of(&table, r);
+    while (n > 1) {
+        const bool on_equator = 2 * r.y < height && 2 * r.w > height;
+        const float sine = on_equator ? 1.0f : fmax(edge_sine[r.y], edge_sine[r.w]);
+        const int longer = 2.0f * height * (r.z - r.x) * sine >= (float)width * (r.w - r.y) ? 0 : 1;
+
+        const ulong target = total / n * (n / 2) + total % n * (n / 2) / n;
+        int axis = longer;
+        uint k = cut(&table, r, axis, target, total);
+        if (k == 0) {
+            axis = 1 - longer;
+            k = cut(&table, r, axis, target, total);
+        }
+        const uint4 first = before(r, axis, k);
+        const ulong part = energy_of(&table, first);
+        const uint lit_first = lit_in(&table, first), lit_second = lit_in(&table, r) - lit_first;
+
+        // round(n part / total), in 64 bits
+        const uint shift = max(0, 24 - (int)clz(total));
+        const ulong coarse = total >> shift;
+        uint share = (uint)(((part >> shift) * n + coarse / 2) / coarse);
+        share = clamp(share, max(1u, n > lit_second ? n - lit_second : 0u), min(lit_first, n - 1));
+
+        if (i < share) {
+            r = first;
+            n = share;
+            total = part;
+        } else {
+            r = axis == 0 ? (uint4)(k, r.y, r.z, r.w) : (uint4)(r.x, k, r.z, r.w);
+            i -= share;
+            n -= share;
+            total -= part;
+        }
+    }
+    vstore4(r, get_global_id(0), region);
+}
