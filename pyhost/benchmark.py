@@ -41,7 +41,8 @@ class Method:
 
     ``kind`` says what a count means: ``shared`` samples or lights for all pixels, ``per pixel``
     samples, or the ``order`` of an analytic method. A method that is not ``random`` needs one seed only.
-    ``device`` is where its stages are timed, None for a peer that has a clock of its own.
+    ``device`` is where its stages are timed. A ``peer`` is another program, see :mod:`lightdome.peers`; its
+    ``clock`` says how long the stages of its last run took, which together are its time.
     """
 
     name: str
@@ -49,6 +50,8 @@ class Method:
     run: Run
     random: bool = True
     device: Device | None = None
+    peer: bool = False
+    clock: Callable[[], dict[str, float]] | None = None
 
 
 @dataclass(frozen=True)
@@ -66,7 +69,10 @@ class Measurement:
     wall_seconds: float
     wall_spread: float  # half the distance of the quartiles
     first_seconds: float  # the first run, with the build of its programs
-    stages: dict[str, float] = field(default_factory=dict)  # device seconds by stage, of the median run
+    peer: bool = False
+    stages: dict[str, float] = field(
+        default_factory=dict
+    )  # seconds by stage, of the median run; a device's or a peer's
 
 
 def methods(device: Device, envmap: EnvironmentMap, resolution: int) -> dict[str, Method]:
@@ -108,8 +114,10 @@ def measure(method: Method, count: int, seeds: int, repeats: int, reference: np.
             method.device.profile.clear()
         start = time.perf_counter()
         method.run(count, 0)
-        walls.append(time.perf_counter() - start)
-        stages.append(method.device.profile.seconds() if method.device else {})
+        wall = time.perf_counter() - start
+        timed = method.clock() if method.clock else method.device.profile.seconds() if method.device else {}
+        walls.append(sum(timed.values()) if method.clock else wall)
+        stages.append(timed)
     median = statistics.median_low(walls)
 
     images += [method.run(count, seed) for seed in range(1, seeds if method.random else 1)]
@@ -127,6 +135,7 @@ def measure(method: Method, count: int, seeds: int, repeats: int, reference: np.
         wall_seconds=median,
         wall_spread=float(np.subtract(*np.percentile(walls, [75, 25])) / 2),
         first_seconds=first,
+        peer=method.peer,
         stages=stages[walls.index(median)],
     )
 

@@ -36,11 +36,11 @@ def _by_method(points: Sequence[Measurement]) -> dict[str, list[Measurement]]:
     return {name: sorted(of_it, key=lambda m: m.count) for name, of_it in result.items()}
 
 
-def _style(index: int, kind: str) -> dict[str, object]:
+def _style(index: int, point: Measurement) -> dict[str, object]:
     return {
         "color": COLOURS[index % len(COLOURS)],
         "marker": MARKERS[index % len(MARKERS)],
-        "linestyle": DASHES.get(kind, "-"),
+        "linestyle": DASHES.get("peer" if point.peer else point.kind, "-"),
         "markersize": 6,
     }
 
@@ -61,9 +61,7 @@ def error_against_time(points: Sequence[Measurement], title: str) -> Figure:
     points = [p for p in points if p.rmse > 0]
     figure, axes = _axes(title)
     for i, (name, line) in enumerate(_by_method(points).items()):
-        axes.plot(
-            [1e3 * m.wall_seconds for m in line], [100 * m.rmse for m in line], label=name, **_style(i, line[0].kind)
-        )
+        axes.plot([1e3 * m.wall_seconds for m in line], [100 * m.rmse for m in line], label=name, **_style(i, line[0]))
         for m in line:
             axes.annotate(
                 str(m.count),
@@ -120,7 +118,7 @@ def error_against_count(points: Sequence[Measurement], title: str) -> Figure:
             yerr=[100 * min(m.rmse_spread, 0.9 * m.rmse) for m in line],
             label=f"{name}, slope {exponent:.2f}",
             capsize=2,
-            **_style(i, line[0].kind),
+            **_style(i, line[0]),
         )
     axes.set_xlabel("count: samples or lights in all, samples a pixel, or order")
     axes.set_ylabel("relative RMSE over the sphere, %")
@@ -130,7 +128,7 @@ def error_against_count(points: Sequence[Measurement], title: str) -> Figure:
 
 
 def stages(points: Sequence[Measurement], title: str) -> Figure:
-    """A bar a run: device time of each stage stacked, and what the host adds up to the wall time."""
+    """A bar a run: time of each stage stacked, and what the host adds up to the wall time."""
     points = [p for p in points if p.stages]
     names = list(dict.fromkeys(stage for p in points for stage in p.stages))
     figure = Figure(figsize=(9, 0.8 + 0.22 * max(len(points), 6)), layout="constrained")

@@ -26,6 +26,12 @@ def main() -> None:
     )
     parser.add_argument("--methods", nargs="+", metavar="NAME", help="methods to measure (default: all)")
     parser.add_argument(
+        "--peers", nargs="+", choices=["numpy", "mitsuba", "pbrt"], default=[], help="other programs to measure too"
+    )
+    parser.add_argument(
+        "--pbrt", nargs="+", default=[], metavar="PATH", help="PBRT programs, or their folders (default: pbrt on PATH)"
+    )
+    parser.add_argument(
         "--spp", type=cli.positive_int, nargs="+", default=[8, 16, 32, 64], metavar="N", help="samples a pixel"
     )
     parser.add_argument("--resolution", type=cli.positive_int, default=511, metavar="R", help="pixels a side")
@@ -49,7 +55,7 @@ def run(args: argparse.Namespace) -> None:
     out = cli.output_folder(args.out)
     envmap = cli.load_map(args)
 
-    from lightdome import benchmark, benchmark_plot
+    from lightdome import benchmark, benchmark_plot, peers
     from lightdome.device import open_device
     from lightdome.errors import LightdomeError
     from lightdome.progress import Progress
@@ -64,6 +70,10 @@ def run(args: argparse.Namespace) -> None:
         raise LightdomeError(f"unknown method {sorted(unknown)[0]!r}; there is {', '.join(methods)}")
     chosen = [method for name, method in methods.items() if not args.methods or name in args.methods]
     reference = exact_kept(device, envmap, args.resolution)
+    found = peers.find(args.peers, envmap, args.resolution, args.pbrt)
+    for name, reason in found.absent.items():
+        print(f"peer {name}: absent ({reason})")
+    chosen += found.methods.values()
 
     counts = {"shared": args.counts, "per pixel": args.spp, "order": [1]}
     plan = [(method, count) for method in chosen for count in sorted(set(counts[method.kind]))]
@@ -73,8 +83,9 @@ def run(args: argparse.Namespace) -> None:
             points.append(benchmark.measure(method, count, args.seeds, args.repeats, reference))
             progress.update((done + 1) / len(plan))
 
+    settings = benchmark.settings(device, envmap, vars(args)) | {"peers": found.about, "absent": found.absent}
     benchmark.write_csv(out / "bench.csv", points)
-    benchmark.write_json(out / "bench.json", points, benchmark.settings(device, envmap, vars(args)))
+    benchmark.write_json(out / "bench.json", points, settings)
     title = f"{args.map.name}, {args.resolution} x {args.resolution}, {device.handle.name.strip()}"
     benchmark_plot.save(benchmark_plot.error_against_time(points, title), out / "error_time.png")
     benchmark_plot.save(benchmark_plot.error_against_count(points, title), out / "error_count.png")
