@@ -71,8 +71,6 @@ def run(args: argparse.Namespace) -> None:
     chosen = [method for name, method in methods.items() if not args.methods or name in args.methods]
     reference = exact_kept(device, envmap, args.resolution)
     found = peers.find(args.peers, envmap, args.resolution, args.pbrt)
-    for name, reason in found.absent.items():
-        print(f"peer {name}: absent ({reason})")
     chosen += found.methods.values()
 
     counts = {"shared": args.counts, "per pixel": args.spp, "order": [1]}
@@ -80,8 +78,19 @@ def run(args: argparse.Namespace) -> None:
     points = []
     with Progress("benchmark") as progress:
         for done, (method, count) in enumerate(plan):
-            points.append(benchmark.measure(method, count, args.seeds, args.repeats, reference))
+            if method.name in found.absent:
+                continue
+            try:
+                points.append(benchmark.measure(method, count, args.seeds, args.repeats, reference))
+            except LightdomeError as error:
+                if not method.peer:
+                    raise
+                found.absent[method.name] = f"failed at {count}: {error}"
             progress.update((done + 1) / len(plan))
+
+    chosen = [method for method in chosen if method.name not in found.absent]
+    for name, reason in found.absent.items():
+        print(f"peer {name}: absent ({reason})")
 
     settings = benchmark.settings(device, envmap, vars(args)) | {"peers": found.about, "absent": found.absent}
     benchmark.write_csv(out / "bench.csv", points)
