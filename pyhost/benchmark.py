@@ -28,9 +28,14 @@ from .disc import disc_mask
 from .distribution import build_distribution
 from .envmap import EnvironmentMap
 from .files import replacing
-from .render import render
+from .harmonics import project, shade_harmonics
+from .mediancut import median_cut
+from .render import ESTIMATORS, render
+from .render import SEQUENCES as PIXEL_SEQUENCES
 from .samples import SEQUENCES
-from .sphere import exact, shade_samples
+from .sphere import exact, shade, shade_samples
+
+ORDERS = (1, 2, 4, 6, 8, 10, 12, 16, 18, 24, 32)  # odd ones past 1 add nothing to irradiance
 
 Run = Callable[[int, int], np.ndarray]  # (count, seed) -> image
 
@@ -40,7 +45,8 @@ class Method:
     """One way to the image.
 
     ``kind`` says what a count means: ``shared`` samples or lights for all pixels, ``per pixel``
-    samples, or the ``order`` of an analytic method. A method that is not ``random`` needs one seed only.
+    samples, or the ``order`` of an analytic method. A method that is not ``random`` needs one seed only,
+    one with ``counts`` of its own is measured at those.
     ``device`` is where its stages are timed. A ``peer`` is another program, see :mod:`lightdome.peers`; its
     ``clock`` says how long the stages of its last run took, which together are its time.
     """
@@ -49,6 +55,7 @@ class Method:
     kind: str
     run: Run
     random: bool = True
+    counts: tuple[int, ...] | None = None
     device: Device | None = None
     peer: bool = False
     clock: Callable[[], dict[str, float]] | None = None
@@ -77,7 +84,6 @@ class Measurement:
 
 def methods(device: Device, envmap: EnvironmentMap, resolution: int) -> dict[str, Method]:
     """All of lightdome's own methods, by name."""
-    result = []
 
     def shared(sequence: str) -> Run:
         def run(count: int, seed: int) -> np.ndarray:
@@ -86,14 +92,31 @@ def methods(device: Device, envmap: EnvironmentMap, resolution: int) -> dict[str
 
         return run
 
-    def per_pixel(count: int, seed: int) -> np.ndarray:
-        ((_, image),) = render(build_distribution(device, envmap), [count], resolution, seed=seed)
-        return image
+    def per_pixel(estimator: str, sequence: str, compensation: bool = False) -> Run:
+        def run(count: int, seed: int) -> np.ndarray:
+            distribution = build_distribution(device, envmap)
+            ((_, image),) = render(distribution, [count], resolution, 1.0, seed, estimator, sequence, compensation)
+            return image
 
-    result += [Method(sequence, "shared", shared(sequence), device=device) for sequence in SEQUENCES]
-    result.append(Method("light", "per pixel", per_pixel, device=device))
+        return run
+
+    def cut(count: int, seed: int) -> np.ndarray:
+        lights = median_cut(build_distribution(device, envmap), count)
+        return shade(device, lights.direction, lights.flux, resolution)
+
+    def harmonics(order: int, seed: int) -> np.ndarray:
+        return shade_harmonics(device, project(device, envmap, order), resolution)
+
+    result = [Method(sequence, "shared", shared(sequence), device=device) for sequence in SEQUENCES]
+    result.append(Method("median-cut", "shared", cut, random=False, device=device))
+    for estimator in ESTIMATORS:
+        for sequence in PIXEL_SEQUENCES:
+            name = estimator if sequence == "independent" else f"{estimator}-{sequence}"
+            result.append(Method(name, "per pixel", per_pixel(estimator, sequence), device=device))
+    result.append(Method("mis-compensated-sobol", "per pixel", per_pixel("mis", "sobol", True), device=device))
+    result.append(Method("harmonics", "order", harmonics, random=False, counts=ORDERS, device=device))
     result.append(
-        Method("exact", "order", lambda count, seed: exact(device, envmap, resolution), random=False, device=device)
+        Method("exact", "order", lambda _, __: exact(device, envmap, resolution), False, counts=(1,), device=device)
     )
     return {method.name: method for method in result}
 

@@ -73,8 +73,8 @@ def run(args: argparse.Namespace) -> None:
     found = peers.find(args.peers, envmap, args.resolution, args.pbrt)
     chosen += found.methods.values()
 
-    counts = {"shared": args.counts, "per pixel": args.spp, "order": [1]}
-    plan = [(method, count) for method in chosen for count in sorted(set(counts[method.kind]))]
+    counts = {"shared": args.counts, "per pixel": args.spp}
+    plan = [(method, count) for method in chosen for count in method.counts or sorted(set(counts[method.kind]))]
     points = []
     with Progress("benchmark") as progress:
         for done, (method, count) in enumerate(plan):
@@ -100,7 +100,12 @@ def run(args: argparse.Namespace) -> None:
     benchmark_plot.save(benchmark_plot.error_against_count(points, title), out / "error_count.png")
     benchmark_plot.save(benchmark_plot.stages(points, title), out / "stages.png")
     middle = {kind: sorted(set(of_kind))[len(set(of_kind)) // 2] for kind, of_kind in counts.items()}
-    shown = {f"{m.name} {middle[m.kind]}": m.run(middle[m.kind], 0) for m in chosen if m.name != "exact"}
+    shown = {
+        f"{m.name} {count}": m.run(count, 0)
+        for m in chosen
+        if m.name != "exact"
+        for count in [2 if m.counts else middle[m.kind]]
+    }
     benchmark_plot.save(benchmark_plot.images(shown, reference, title), out / "images.png")
 
     print(f"\n{'method':<20}{'count':>7}{'RMSE %':>10}{'spread':>9}{'bias %':>9}{'ms':>10}")
