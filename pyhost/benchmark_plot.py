@@ -19,6 +19,7 @@ from .images import auto_exposure, tone_map
 # Okabe and Ito's colours, told apart by colour-blind readers; markers tell them apart in grey.
 COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999933"]
 MARKERS = ["o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "h", "p"]
+ROUNDING = 1e-6  # an error below this is the exact image
 READ_OUT = {"family": "monospace", "size": 7}
 DASHES = {"shared": "-", "per pixel": "--", "order": ":", "peer": "-."}
 
@@ -57,8 +58,8 @@ def _axes(title: str) -> tuple[Figure, Axes]:
 
 def error_against_time(points: Sequence[Measurement], title: str) -> Figure:
     """Log-log, a line a method, the Pareto front drawn, with read-outs at equal error and equal time."""
-    exact = [p for p in points if p.rmse == 0]
-    points = [p for p in points if p.rmse > 0]
+    exact = [p for p in points if p.rmse < ROUNDING]
+    points = [p for p in points if p.rmse >= ROUNDING]
     figure, axes = _axes(title)
     for i, (name, line) in enumerate(_by_method(points).items()):
         axes.plot([1e3 * m.wall_seconds for m in line], [100 * m.rmse for m in line], label=name, **_style(i, line[0]))
@@ -139,7 +140,9 @@ def stages(points: Sequence[Measurement], title: str) -> Figure:
     hatches = ["", "//", "..", "xx", "\\\\", "--", "++", "oo"]
     for i, name in enumerate(names):
         width = np.array([p.stages.get(name, 0) / p.wall_seconds for p in points])
-        axes.barh(y, width, left=left, label=name, color=COLOURS[i % len(COLOURS)], hatch=hatches[i % 8], alpha=0.8)
+        axes.barh(
+            y, width, left=left, label=name, color=COLOURS[i % len(COLOURS)], hatch=hatches[(i + i // 8) % 8], alpha=0.8
+        )
         left += width
     axes.barh(y, np.maximum(1 - left, 0), left=left, label="host", color="0.9", edgecolor="0.6")
     axes.set_yticks(y, [f"{p.method} {p.count} ({1e3 * p.wall_seconds:.1f} ms)" for p in points], fontsize=7)
