@@ -5,30 +5,44 @@ from __future__ import annotations
 import re
 import warnings
 from importlib import resources
+from typing import TYPE_CHECKING
 
 import pyopencl as cl
 
 from .errors import LightdomeError
 
-_INCLUDE = re.compile(r'^#include "([^"]+)"\n', re.MULTILINE)
+if TYPE_CHECKING:
+    from importlib.abc import Traversable  # in importlib.resources.abc from Python 3.11
+
+_INCLUDE = re.compile(r'^#include ("[^"]+"|<pyopencl-random123/[^>]+>)\n', re.MULTILINE)
 
 
 def source(name: str) -> str:
-    """The text of ``clkernels/name`` with our own headers written in, each once.
+    """The text of ``clkernels/name`` with the headers written in, each once: ours, and Random123 from pyopencl.
 
-    Headers are inlined rather than found by an include path: that works from any folder, also one
-    whose name has spaces, and keeps the text the only key of the binary cache.
+    Headers are inlined rather than found by an include path: that works from any folder, also one whose name
+    has spaces, which PoCL's compiler does not find, and keeps the text the only key of the binary cache.
     """
-    seen: set[str] = set()
+    seen: set[Traversable] = set()
 
-    def read(file: str) -> str:
-        if file in seen:
+    def read(folder: Traversable, file: str) -> str:
+        path = folder / file
+        if path in seen:
             return ""
-        seen.add(file)
-        text = (resources.files("lightdome.clkernels") / file).read_text(encoding="utf-8")
-        return _INCLUDE.sub(lambda match: read(match[1]), text)
+        seen.add(path)
 
-    return read(name)
+        def header(match: re.Match[str]) -> str:
+            included = match[1][1:-1]
+            return read(folder, included) if match[1][0] == '"' else read(*_random123(included))
+
+        return _INCLUDE.sub(header, path.read_text(encoding="utf-8"))
+
+    return read(resources.files("lightdome.clkernels"), name)
+
+
+def _random123(included: str) -> tuple[Traversable, str]:
+    folder, _, file = included.partition("/")
+    return resources.files("pyopencl") / "cl" / folder, file
 
 
 class Programs:
