@@ -45,6 +45,13 @@ def stiff() -> EnvironmentMap:
     return EnvironmentMap(stiff_radiance(21, 43))
 
 
+# The first lines of a Python program that a test writes: a path with a space cannot follow #! itself.
+PYTHON_PROGRAM = f"""#!/bin/sh
+''':'
+exec "{sys.executable}" "$0" "$@"
+'''
+"""
+
 Script = Callable[..., subprocess.CompletedProcess[str]]
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import PYTHON_PROGRAM
 from lightdome.disc import disc_mask
 from lightdome.envmap import EnvironmentMap
 from lightdome.equiarea import equal_area_side, to_equal_area
@@ -173,7 +174,7 @@ ANSWER = f"import sys\nif len(sys.argv) == 1:\n    print({BANNER!r})\n    sys.ex
 def stand_in(folder: Path, body: str, name: str = "pbrt") -> Path:
     """An executable Python script in place of the program pbrt."""
     path = folder / name
-    path.write_text(f"#!{sys.executable} -IS\n{body}")
+    path.write_text(PYTHON_PROGRAM + body)
     path.chmod(0o755)
     return path
 

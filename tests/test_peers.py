@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import os
 import signal
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Script, chi_square_z, stiff_radiance
+from conftest import PYTHON_PROGRAM, Script, chi_square_z, stiff_radiance
 from lightdome import peer_mitsuba, peer_numpy, peer_pbrt, peers, reference
 from lightdome.benchmark import Method, measure
 from lightdome.benchmark_plot import error_against_time
@@ -194,8 +193,7 @@ def test_what_is_not_installed_is_absent(monkeypatch: pytest.MonkeyPatch, blocks
         peers.find(["luxcore"], blocks)
 
 
-PBRT = f"""#!{sys.executable}
-import sys, time
+PBRT = f"""{PYTHON_PROGRAM}import sys, time
 import numpy as np
 print("pbrt version 4", flush=True)
 if "--outfile" in sys.argv:
