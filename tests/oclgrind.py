@@ -8,8 +8,8 @@ Exits with 1 if Oclgrind has any finding, if it misses the faults of a kernel th
 kernel of clkernels/ did not run.
 
 The search for what was never set is for row_cdf, marginal_cdf, sample, shade, harmonics and render, since that of
-Oclgrind 21.10 cannot follow all shuffles of vectors: it takes lane 11 of any for never set, and for a lane that does not
-matter it reads outside its own memory. tests/test_devices.py searches all kernels for it in another way.
+Oclgrind 21.10 cannot follow all shuffles of vectors: it takes lane 11 of any for never set, and for a lane that does
+not matter it reads outside its own memory. tests/test_devices.py searches all kernels for it in another way.
 """
 
 from __future__ import annotations
