@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -340,14 +341,22 @@ def _add(figures: Figures, more: Figures) -> None:
 
 def run(case: Case, device: Device, draws: int) -> Result:
     """lightdome's figures on ``case``, with ``draws`` samples shared out among its parts."""
-    room = device.handle.max_mem_alloc_size
-    if case.needs > room:
-        reason = f"needs arrays of {case.needs / 2**30:.2g} GiB, and the device holds {room / 2**30:.2g} GiB"
-        return Result("lightdome", case.group, case.name, skipped=reason)
+    # The host keeps the map, two CDFs, and where it is the device too, all of the device's.
+    for where, room in (("device", device.handle.max_mem_alloc_size), ("host", _host_memory() / 3)):
+        if case.needs > room:
+            reason = (
+                f"needs arrays of {case.needs / 2**30:.2g} GiB, and the {where} has room for {room / 2**30:.2g} GiB"
+            )
+            return Result("lightdome", case.group, case.name, skipped=reason)
     figures: Figures = {}
     for part in case.check(device, draws):
         _worst(figures, part)
     return Result("lightdome", case.group, case.name, figures)
+
+
+def _host_memory() -> float:
+    """Bytes of memory, as far as the system says."""
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else math.inf
 
 
 def run_peer(case: Case, name: str, sampler: Callable[[np.ndarray], Sampler], draws: int) -> Result:

@@ -61,7 +61,10 @@ def run(args: argparse.Namespace) -> None:
     stability.write_csv(out / "stability.csv", results)
     stability.write_json(out / "stability.json", results, settings)
     stability.write_markdown(out / "stability.md", results)
-    save(stability_plot.table(results, f"Stability, {device.handle.name.strip()}"), out / "stability.png")
+    save(
+        stability_plot.table(results, f"Stability, {draws:,} draws a case, {device.handle.name.strip()}"),
+        out / "stability.png",
+    )
     print(f"\nwrote {out}/stability.csv, stability.json, stability.md, stability.png")
 
     own = [result for result in results if result.judged]
