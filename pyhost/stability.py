@@ -409,7 +409,7 @@ def write_markdown(path: Path, results: Sequence[Result]) -> None:
     peers = list(dict.fromkeys(r.program for r in results if not r.judged))
     by_key = {(r.program, r.group, r.case): r for r in results}
     lines = [
-        "| case | verdict | " + " | ".join(shown) + "".join(f" | {peer}: p | image" for peer in peers) + " |",
+        "| case | verdict | " + " | ".join(shown) + "".join(f" | {peer} p | {peer} image" for peer in peers) + " |",
         "| --- " * (2 + len(shown) + 2 * len(peers)) + "|",
     ]
     for r in own:
