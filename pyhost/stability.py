@@ -113,10 +113,10 @@ class Result:
         if self.failures:
             remarks.append("off: " + ", ".join(f"{name} {self.figures[name]:.2g}" for name in self.failures))
         if self.figures.get("subnormal") and "tiny" not in self.failures:
-            remarks.append(f"{self.figures['subnormal']:.0f} pixels with p < 2^-126 are exact to 2^-149 instead")
+            remarks.append(f"up to {self.figures['subnormal']:.0f} pixels with p < 2^-126 are exact to 2^-149 instead")
         if self.figures.get("undrawn"):
             remarks.append(
-                f"{self.figures['undrawn']:.0f} lit pixels, {self.figures['undrawn_flux']:.1g} of the flux,"
+                f"up to {self.figures['undrawn']:.0f} lit pixels, {self.figures['undrawn_flux']:.1g} of the flux,"
                 " are below the CDFs' steps and never drawn"
             )
         return "; ".join(remarks)
@@ -277,7 +277,8 @@ def cdf_figures(distribution: Distribution, truth: Truth) -> Figures:
         steps = np.diff(rows_cdf[rows].astype(np.int64), prepend=0, axis=1)
         p = truth.probability(rows)
         drawn = (steps_y[rows] / marginal[-1])[:, None] * (steps / np.maximum(rows_cdf[rows, -1:], 1))
-        figures["cdf"] += np.count_nonzero(steps < 0) + np.count_nonzero(drawn[p == 0])
+        figures["cdf"] += np.count_nonzero((steps < 0) | ((steps > 0) & (p == 0)))
+        figures["cdf"] += np.count_nonzero(steps_y[rows][~p.any(axis=1)])
         variation += np.abs(drawn - p).sum() / 2
         never = (p > 0) & (drawn == 0)
         figures["undrawn"] += np.count_nonzero(never)

@@ -206,7 +206,7 @@ def test_a_wrong_flux_fails(device: Device, stiff: EnvironmentMap) -> None:
 
 
 @pytest.mark.parametrize(("change", "missed"), [(0, []), (-(2**21), ["cdf", "drawn"]), (2**15, ["drawn"])])
-def test_a_damaged_cdf_fails(device: Device, stiff: EnvironmentMap, change: int, missed: list[str]) -> None:
+def test_a_damaged_cdf_of_a_row_fails(device: Device, stiff: EnvironmentMap, change: int, missed: list[str]) -> None:
     distribution = build_distribution(device, stiff)
     cdf = buffers.download(device, distribution.row_cdf).astype(np.int64)
     lit = np.flatnonzero(stiff.radiance[4].any(axis=1))
@@ -214,6 +214,14 @@ def test_a_damaged_cdf_fails(device: Device, stiff: EnvironmentMap, change: int,
     damaged = replace(distribution, row_cdf=buffers.upload(device, cdf.astype(np.uint32)))
     figures = stability.cdf_figures(damaged, Truth(stiff.radiance))
     assert Result("broken", "", "", figures).failures == missed
+
+
+def test_a_step_of_a_black_row_fails(device: Device, stiff: EnvironmentMap) -> None:
+    distribution = build_distribution(device, stiff)
+    cdf = buffers.download(device, distribution.marginal_cdf).copy()
+    cdf[1:] += np.uint32(1)  # row 1 is black
+    damaged = replace(distribution, marginal_cdf=buffers.upload(device, cdf))
+    assert Result("broken", "", "", stability.cdf_figures(damaged, Truth(stiff.radiance))).failures == ["cdf"]
 
 
 def test_chi_square_knows_chance_from_defect() -> None:
