@@ -17,7 +17,7 @@ import numpy as np
 import OpenImageIO as oiio
 
 from .errors import LightdomeError, one_line
-from .files import replacing
+from .files import cannot_write, replacing
 
 READABLE = (".pfm", ".exr", ".hdr")
 MAX_PIXELS = 2**30
@@ -146,8 +146,8 @@ def write_image(path: str | Path, pixels: np.ndarray) -> None:
     with replacing(path) as temporary:
         file = oiio.ImageOutput.create(str(temporary))
         if file is None:
-            raise LightdomeError(f"cannot write {path}: {_reason(oiio.geterror)}")
+            raise cannot_write(path, _reason(oiio.geterror))
         done = file.open(str(temporary), spec) and file.write_image(np.ascontiguousarray(pixels))
         done = file.close() and done
         if not done:
-            raise LightdomeError(f"cannot write {path}: {_reason(file.geterror)}")
+            raise cannot_write(path, _reason(file.geterror))
