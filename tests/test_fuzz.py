@@ -97,6 +97,22 @@ def test_another_kind_of_image_under_a_map_s_name_is_refused(tmp_path: Path) -> 
         read_image(tmp_path / "photo.pfm")
 
 
+def test_the_scripts_refuse_in_one_line_and_leave_nothing(script: Script, tmp_path: Path) -> None:
+    pickled = fuzz.arrays() | {"direction": np.full((50, 3), None)}
+    (tmp_path / "pickled.npz").write_bytes(fuzz.npz(pickled))
+    (tmp_path / "huge.pfm").write_bytes(b"PF\n999999999 999999999\n-1\n")
+    files = fuzz.corpus()
+    (tmp_path / "negative.hdr").write_bytes(files["flat.hdr"].replace(b"-Y 37", b"-Y -37"))
+    (tmp_path / "no_text.exr").write_bytes(files["zip_half_lines.exr"].replace(b"chlist", b"\xff\x80list", 1))
+    (tmp_path / "temporary").mkdir()
+    for name in ("pickled.npz", "huge.pfm", "negative.hdr", "no_text.exr"):
+        command = ("part3_shade",) if name == "pickled.npz" else ("part2_sample", "--map")
+        result = script(*command, tmp_path / name, "--out", tmp_path / "out", TMPDIR=str(tmp_path / "temporary"))
+        fails_in_one_line(result, name)
+        assert not list(tmp_path.glob("out/*"))
+        assert not list((tmp_path / "temporary").iterdir())
+
+
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
 def test_a_pipe_is_not_waited_for(script: Script, tmp_path: Path) -> None:
     for name, command in (("map.exr", ("part2_sample", "--map")), ("samples.npz", ("part3_shade",))):
