@@ -7,22 +7,16 @@ measured over several seeds. See :mod:`lightdome.benchmark_plot` for the picture
 
 from __future__ import annotations
 
-import contextlib
 import csv
-import hashlib
 import json
-import os
-import platform
 import statistics
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 
-from . import __version__
 from .device import Device
 from .disc import disc_mask
 from .distribution import build_distribution
@@ -183,44 +177,6 @@ def slope(points: Sequence[Measurement]) -> float | None:
         return None
     logs = np.log([[m.count, m.rmse] for m in points])
     return float(np.polyfit(logs[:, 0], logs[:, 1], 1)[0])
-
-
-def settings(device: Device, envmap: EnvironmentMap | None, options: Mapping[str, object]) -> dict[str, object]:
-    """What a result depends on: the machine, the device, the versions, the map if there is one, and the options."""
-    return {
-        "machine": {
-            "system": platform.platform(),
-            "processor": _processor(),
-            "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
-        },
-        "device": {
-            "name": device.handle.name.strip(),
-            "implementation": device.handle.platform.version.strip(),
-            "driver": device.handle.driver_version,
-            "compute_units": device.handle.max_compute_units,
-        },
-        "versions": {
-            "lightdome": __version__,
-            "python": platform.python_version(),
-            **{name: version(name) for name in ("numpy", "pyopencl", "OpenImageIO", "matplotlib")},
-        },
-        "map": envmap
-        and {
-            "width": envmap.width,
-            "height": envmap.height,
-            "sha256": hashlib.sha256(envmap.radiance.data).hexdigest(),
-        },
-        "options": {name: str(value) if isinstance(value, Path) else value for name, value in options.items()},
-    }
-
-
-def _processor() -> str:
-    """The processor's name: Linux keeps it in /proc/cpuinfo only."""
-    with contextlib.suppress(OSError):
-        for line in Path("/proc/cpuinfo").read_text().splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor()
 
 
 def write_csv(path: Path, points: Sequence[Measurement]) -> None:

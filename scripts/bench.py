@@ -59,6 +59,7 @@ def run(args: argparse.Namespace) -> None:
     from lightdome.device import open_device
     from lightdome.errors import LightdomeError
     from lightdome.progress import Progress
+    from lightdome.settings import settings
     from lightdome.sphere import exact_kept
 
     device = open_device(args.device)
@@ -92,9 +93,9 @@ def run(args: argparse.Namespace) -> None:
     for name, reason in found.absent.items():
         print(f"peer {name}: absent ({reason})")
 
-    settings = benchmark.settings(device, envmap, vars(args)) | {"peers": found.about, "absent": found.absent}
+    made_with = settings(device, envmap, vars(args)) | {"peers": found.about, "absent": found.absent}
     benchmark.write_csv(out / "bench.csv", points)
-    benchmark.write_json(out / "bench.json", points, settings)
+    benchmark.write_json(out / "bench.json", points, made_with)
     title = f"{args.map.name}, {args.resolution} x {args.resolution}, {device.handle.name.strip()}"
     benchmark_plot.save(benchmark_plot.error_against_time(points, title), out / "error_time.png")
     benchmark_plot.save(benchmark_plot.error_against_count(points, title), out / "error_count.png")

@@ -7,7 +7,7 @@ import argparse
 import json
 from dataclasses import asdict
 
-from lightdome import __version__, cli
+from lightdome import __version__, cli, settings
 from lightdome.files import replacing
 from lightdome.fresnel import Summary, summarise
 
@@ -72,6 +72,8 @@ def main() -> None:
         written += save(fresnel_figure(*sides), out / f"fresnel_{direction}")
         written += save(schlick_figure(*sides), out / f"schlick_{direction}")
 
+    settings.write(out, settings.settings(None, None, vars(arguments)), [path.name for path in written])
+    written.append(out / settings.NAME)
     print(describe(summary))
     print(f"wrote to {out}: {', '.join(path.name for path in written)}")
 

@@ -8,7 +8,7 @@ from lightdome.samples import SEQUENCES
 def main() -> None:
     parser = cli.parser(
         "Draw directions from an environment map with probability proportional to luminance x sin(theta)."
-        " Writes samples_N.npz, and the marked map as em_N.pfm, em_N.ppm and em_N.png.",
+        " Writes samples_N.npz, the marked map as em_N.pfm, em_N.ppm and em_N.png, and settings.json.",
         "scripts/part2_sample.py --counts 64 256 --seed 1",
         "out/part2",
     )
@@ -35,6 +35,7 @@ def main() -> None:
     out = cli.output_folder(args.out)
     envmap = cli.load_map(args)
 
+    from lightdome import settings
     from lightdome.device import open_device
     from lightdome.distribution import build_distribution
     from lightdome.images import auto_exposure, tone_map, write_image
@@ -47,6 +48,7 @@ def main() -> None:
     exposure = args.exposure or auto_exposure(envmap.radiance)
     picture = tone_map(envmap.radiance, exposure, args.gamma)
 
+    names = []
     for count in sorted(set(args.counts)):
         samples = distribution.sample(count, seed=args.seed, sequence=args.sequence)
         samples.save(out / f"samples_{count}.npz")
@@ -58,7 +60,9 @@ def main() -> None:
         mark_pixels(marked, samples.pixel, args.marker, (0, 0, 255))
         for suffix in ("ppm", "png"):
             write_image(out / f"em_{count}.{suffix}", marked)
+        names += [f"samples_{count}.npz", *(f"em_{count}.{suffix}" for suffix in ("pfm", "ppm", "png"))]
         print(f"wrote {out}/samples_{count}.npz and em_{count}.pfm, .ppm, .png")
+    settings.write(out, settings.settings(device, envmap, vars(args)), names)
     print(f"exposure {exposure:.4g}, gamma {args.gamma:g}")
 
 

@@ -10,7 +10,7 @@ from lightdome.errors import LightdomeError
 def main() -> None:
     parser = cli.parser(
         "Shade a diffuse sphere with sets of light samples, each set shared by all pixels."
-        " Writes sphere_N.pfm, sphere_N.ppm and sphere_N.png.",
+        " Writes sphere_N.pfm, sphere_N.ppm, sphere_N.png and settings.json.",
         "scripts/part3_shade.py out/part2/samples_*.npz",
         "out/part3",
     )
@@ -30,6 +30,7 @@ def main() -> None:
         sets[len(samples)] = samples
     out = cli.output_folder(args.out)
 
+    from lightdome import settings
     from lightdome.device import open_device
     from lightdome.images import auto_exposure, tone_map, write_image
     from lightdome.sphere import shade_samples
@@ -46,6 +47,9 @@ def main() -> None:
         for suffix in ("ppm", "png"):
             write_image(out / f"sphere_{count}.{suffix}", picture)
         print(f"wrote {out}/sphere_{count}.pfm, .ppm, .png")
+    names = [f"sphere_{count}.{suffix}" for count in sets for suffix in ("pfm", "ppm", "png")]
+    inputs = {path.name: settings.file_sum(path) for path in args.samples}
+    settings.write(out, settings.settings(device, None, vars(args)) | {"inputs": inputs}, names)
     print(f"exposure {exposure:.4g}, gamma {args.gamma:g}")
 
 

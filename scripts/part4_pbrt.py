@@ -13,6 +13,7 @@ from lightdome.errors import LightdomeError
 
 if TYPE_CHECKING:
     import numpy as np
+    from lightdome.device import Device
     from lightdome.envmap import EnvironmentMap
 
     Images = Iterator[tuple[int, np.ndarray]]
@@ -22,8 +23,8 @@ def parse_arguments() -> argparse.Namespace:
     """The command line."""
     parser = cli.parser(
         "Render a diffuse sphere under an environment map with N samples a pixel, fresh for every pixel."
-        " Writes sphere_Nspp.pfm, sphere_Nspp.ppm and sphere_Nspp.png, and the scenes for PBRT-v3 and PBRT-v4"
-        " into the folder pbrt.",
+        " Writes sphere_Nspp.pfm, sphere_Nspp.ppm, sphere_Nspp.png and settings.json, and the scenes for PBRT-v3 and"
+        " PBRT-v4 into the folder pbrt.",
         example="scripts/part4_pbrt.py --spp 16 64 --pbrt ~/pbrt-v4/build",
         out="out/part4",
     )
@@ -50,15 +51,15 @@ def parse_arguments() -> argparse.Namespace:
     return args
 
 
-def with_opencl(args: argparse.Namespace, envmap: EnvironmentMap) -> Images:
-    """The images from our own renderer."""
+def with_opencl(args: argparse.Namespace, envmap: EnvironmentMap) -> tuple[Device, Images]:
+    """The device and the images from our own renderer."""
     from lightdome.device import open_device
     from lightdome.distribution import build_distribution
     from lightdome.render import render
 
     device = open_device(args.device)
     print(f"device: {device.description}")
-    return render(build_distribution(device, envmap), args.spp, args.resolution, args.albedo, args.seed)
+    return device, render(build_distribution(device, envmap), args.spp, args.resolution, args.albedo, args.seed)
 
 
 def main() -> None:
@@ -67,7 +68,7 @@ def main() -> None:
     out = cli.output_folder(args.out)
     envmap = cli.load_map(args)
 
-    from lightdome import pbrt
+    from lightdome import pbrt, settings
     from lightdome.images import auto_exposure, tone_map, write_image
 
     print(f"map: {args.map}, {envmap.width} x {envmap.height}")
@@ -89,7 +90,7 @@ def main() -> None:
     if program and program.version == 3 and args.seed:
         print("note: PBRT-v3 has no seed; --seed does nothing")
 
-    images = pbrt.render(program, scenes) if program else with_opencl(args, envmap)
+    device, images = (None, pbrt.render(program, scenes)) if program else with_opencl(args, envmap)
     done = {}
     for spp, image in images:
         write_image(out / f"sphere_{spp}spp.pfm", image)
@@ -101,6 +102,9 @@ def main() -> None:
         for suffix in ("ppm", "png"):
             write_image(out / f"sphere_{spp}spp.{suffix}", picture)
         print(f"wrote {out}/sphere_{spp}spp.pfm, .ppm, .png")
+    names = [f"sphere_{spp}spp.{suffix}" for spp in done for suffix in ("pfm", "ppm", "png")]
+    made_with = settings.settings(device, envmap, vars(args)) | {"pbrt": program and f"PBRT-v{program.version}"}
+    settings.write(out, made_with, names)
     print(f"exposure {exposure:.4g}, gamma {args.gamma:g}")
 
 

@@ -25,11 +25,12 @@ def main() -> None:
 def run(args: argparse.Namespace) -> None:
     out = cli.output_folder(args.out)
 
-    from lightdome import benchmark, peer_mitsuba_distribution, stability, stability_plot
+    from lightdome import peer_mitsuba_distribution, stability, stability_plot
     from lightdome.benchmark_plot import save
     from lightdome.device import open_device
     from lightdome.errors import LightdomeError
     from lightdome.progress import Progress
+    from lightdome.settings import settings
     from lightdome.stability_cases import CASES
 
     device = open_device(args.device)
@@ -57,9 +58,9 @@ def run(args: argparse.Namespace) -> None:
     for name, reason in absent.items():
         print(f"peer {name}: absent ({reason})")
 
-    settings = benchmark.settings(device, None, vars(args) | {"draws": draws}) | {"peers": about, "absent": absent}
+    made_with = settings(device, None, vars(args) | {"draws": draws}) | {"peers": about, "absent": absent}
     stability.write_csv(out / "stability.csv", results)
-    stability.write_json(out / "stability.json", results, settings)
+    stability.write_json(out / "stability.json", results, made_with)
     stability.write_markdown(out / "stability.md", results)
     save(
         stability_plot.table(results, f"Stability, {draws:,} draws a case, {device.handle.name.strip()}"),

@@ -242,7 +242,7 @@ def test_the_script_writes_its_files_without_opencl_and_always_the_same(tmp_path
     assert "54.4623 entering, 35.5377 leaving" in result.stdout
     assert result.stdout.endswith("loaded: []\n")
     stems = [f"{a}_{b}" for a in ("fresnel", "schlick") for b in ("entering", "leaving")]
-    names = {"fresnel.json", *(f"{stem}.{kind}" for stem in stems for kind in ("png", "svg"))}
+    names = {"fresnel.json", "settings.json", *(f"{stem}.{kind}" for stem in stems for kind in ("png", "svg"))}
     assert {path.name for path in out.iterdir()} == names
     content = json.loads((out / "fresnel.json").read_text())
     assert content == {"version": __version__, **asdict(summarise(1.4))}

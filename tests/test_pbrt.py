@@ -292,7 +292,7 @@ def test_part_4_with_pbrt_needs_no_opencl(tmp_path, script):
     )  # fmt: skip
     assert result.returncode == 0, result.stderr
     assert f"renderer: PBRT-v4 ({program})" in result.stdout
-    assert {p.name for p in out.iterdir()} == {"pbrt"} | {
+    assert {p.name for p in out.iterdir()} == {"pbrt", "settings.json"} | {
         f"sphere_{n}spp.{suffix}" for n in (1, 4) for suffix in ("pfm", "ppm", "png")
     }
 

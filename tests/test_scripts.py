@@ -32,6 +32,7 @@ def test_parts_2_and_3_end_to_end(script: Script, small_map: Path, tmp_path: Pat
     assert names(two) == {f"em_{n}.{s}" for n in (3, 7) for s in suffixes} | {
         "samples_3.npz",
         "samples_7.npz",
+        "settings.json",
     }
 
     samples = Samples.load(two / "samples_7.npz")
@@ -42,7 +43,7 @@ def test_parts_2_and_3_end_to_end(script: Script, small_map: Path, tmp_path: Pat
 
     result = script("part3_shade", two / "samples_3.npz", two / "samples_7.npz", "--resolution", 20, "--out", three)
     assert result.returncode == 0, result.stderr
-    assert names(three) == {f"sphere_{n}.{s}" for n in (3, 7) for s in suffixes}
+    assert names(three) == {f"sphere_{n}.{s}" for n in (3, 7) for s in suffixes} | {"settings.json"}
     assert read_image(three / "sphere_7.pfm").shape == (20, 20, 3)
 
 
