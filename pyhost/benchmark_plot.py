@@ -161,7 +161,7 @@ def images(named: Mapping[str, np.ndarray], exact: np.ndarray, title: str) -> Fi
     norm = LogNorm(1e-4, 1)
     columns = min(len(named) + 1, 6)
     bands = -(-(len(named) + 1) // columns)
-    figure = Figure(figsize=(2.1 * columns, 4.5 * bands + 0.7), layout="constrained")
+    figure = Figure(figsize=(2.1 * columns, 4.5 * bands + 0.7), layout="compressed")
     figure.suptitle(title, x=0.01, ha="left")
     grid = figure.subplots(2 * bands, columns, squeeze=False)
     for axes in grid.flat:
