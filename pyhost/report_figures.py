@@ -1,0 +1,148 @@
+"""The report's own figures: CDFs as pictures, and what tells bias from noise.
+
+Lines differ in style as well as in colour, and colour maps run from dark to light: all of it can be told apart in
+grey.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from . import buffers
+from .disc import disc_mask
+from .distribution import Distribution
+from .files import replacing
+from .images import auto_exposure, tone_map
+
+BLACK, BLUE, VERMILLION = "#000000", "#0072B2", "#D55E00"
+LINES = [(BLACK, "-"), (BLUE, "--"), (VERMILLION, (0, (1.2, 1.2)))]
+SIDES = (1, 2, 4, 8, 16, 32, 64)  # pixels
+DPI = 400  # of the pictures inside: those of 511 pixels stay as sharp as they are
+SVG = {"svg.hashsalt": "lightdome"}  # without a salt of its own the file would differ from run to run
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write the figure as SVG; the same figure gives the same bytes."""
+    with replacing(path) as temporary, matplotlib.rc_context(SVG):
+        figure.savefig(temporary, format="svg", dpi=DPI, metadata={"Date": None})
+
+
+def cdfs(distribution: Distribution) -> Figure:
+    """The map beside the CDF over its rows, and the CDF of every row as a picture beside three of them as curves."""
+    radiance = distribution.envmap.radiance
+    height, width = radiance.shape[:2]
+    rows = _unit(buffers.download(distribution.device, distribution.row_cdf))
+    marginal = _unit(buffers.download(distribution.device, distribution.marginal_cdf)[None])[0]
+    # Those in which a quarter, half and three quarters of the light are reached: never black ones.
+    chosen = np.searchsorted(marginal, (0.25, 0.5, 0.75))
+
+    figure = Figure(figsize=(9, 5.2), layout="constrained")
+    grid = figure.subplots(2, 2, width_ratios=[2, 1.15])
+    (picture, over_rows), (all_rows, some_rows) = grid
+    picture.imshow(tone_map(radiance, auto_exposure(radiance)), aspect="auto")
+    picture.set_title("the map, and three of its rows", loc="left")
+    shown = all_rows.imshow(rows, cmap="cividis", vmin=0, vmax=1, aspect="auto")
+    all_rows.set_title("P(x | y), every row's CDF", loc="left")
+    figure.colorbar(shown, ax=all_rows, location="bottom", shrink=0.6, aspect=40)
+    over_rows.plot(marginal, np.arange(height) + 0.5, color=BLACK)
+    over_rows.set_title("P(y), the CDF over rows", loc="left")
+    over_rows.set_ylim(height, 0)
+    for y, (colour, style) in zip(chosen, LINES, strict=True):
+        picture.axhline(y, color="white", linewidth=2.4)
+        for axes in (picture, over_rows):
+            axes.axhline(y, color=colour, linestyle=style, linewidth=1.2)
+        some_rows.plot(np.arange(width) + 0.5, rows[y], color=colour, linestyle=style, label=f"y = {y}")
+    some_rows.set_title("P(x | y) of the three rows", loc="left")
+    some_rows.set_xlim(0, width)
+    some_rows.set_xlabel("x, pixels")
+    some_rows.legend(fontsize=8)
+    for axes in (picture, over_rows, all_rows):
+        axes.set_ylabel("y, pixels")
+    for axes in (over_rows, some_rows):
+        axes.grid(alpha=0.3)
+    return figure
+
+
+def _unit(cdf: np.ndarray) -> np.ndarray:
+    """CDFs along the last axis, from whole numbers to 0 .. 1; those of no light are 0."""
+    return cdf / np.maximum(cdf[:, -1:], 1).astype(np.float64)
+
+
+def bias_and_noise(shared: tuple[str, np.ndarray], per_pixel: tuple[str, np.ndarray], exact: np.ndarray) -> Figure:
+    """Two images of similar error: where each is too bright or too dark, and their middle rows beside the exact one."""
+    mask = disc_mask(len(exact))
+    mean = exact[mask].mean()
+    signed = {name: (image - exact).mean(axis=2) / mean for name, image in (shared, per_pixel)}
+    limit = max(np.percentile(np.abs(d[mask]), 98) for d in signed.values()) or 1.0
+    norm = Normalize(-100 * limit, 100 * limit)
+
+    figure = Figure(figsize=(9, 3.4), layout="compressed")
+    *pictures, curves = figure.subplots(1, 3, width_ratios=[1, 1, 1.9])
+    for axes, (name, difference) in zip(pictures, signed.items(), strict=True):
+        shown = axes.imshow(np.where(mask, 100 * difference, np.nan), norm=norm, cmap="cividis")
+        axes.set_title(name, fontsize=10)
+        axes.axhline(len(exact) // 2, color="white", linewidth=0.6)
+        axes.axis("off")
+    figure.colorbar(shown, ax=pictures, label="error, % of the mean radiance", location="bottom", aspect=30)
+
+    middle = len(exact) // 2
+    x = np.flatnonzero(mask[middle])
+    curves.plot(x, per_pixel[1][middle, x].mean(axis=1), color="0.55", linewidth=0.6, label=per_pixel[0])
+    curves.plot(x, exact[middle, x].mean(axis=1), color=BLACK, linewidth=2, label="exact")
+    curves.plot(x, shared[1][middle, x].mean(axis=1), color=VERMILLION, linewidth=1.8, linestyle="--", label=shared[0])
+    curves.set_xlabel("x on the middle row, pixels")
+    curves.set_ylabel("radiance, mean of R, G, B")
+    curves.set_ylim(bottom=0)
+    curves.grid(alpha=0.3)
+    curves.legend(fontsize=8)
+    return figure
+
+
+def left_after_averaging(image: np.ndarray, exact: np.ndarray, side: int) -> float:
+    """The relative RMSE that is left when both images are averaged over squares of ``side`` pixels.
+
+    Only squares inside the sphere count; NaN where none is, or no light falls on them.
+    """
+    whole = len(exact) // side * side
+    inside = disc_mask(len(exact))[:whole, :whole].reshape(whole // side, side, -1, side).all(axis=(1, 3))
+
+    def squares(pixels: np.ndarray) -> np.ndarray:
+        blocks = pixels[:whole, :whole].astype(np.float64).reshape(whole // side, side, -1, side, 3)
+        return blocks.mean(axis=(1, 3))[inside]
+
+    truth = squares(exact)
+    if not truth.any():
+        return float("nan")
+    return float(np.sqrt(((squares(image) - truth) ** 2).mean() / (truth**2).mean()))
+
+
+def averaging(shared: Mapping[str, np.ndarray], per_pixel: Mapping[str, np.ndarray], exact: np.ndarray) -> Figure:
+    """Log-log: the error left over the side of the squares averaged over. Noise falls, a common error stays."""
+    figure = Figure(figsize=(9, 3.8), layout="constrained")
+    axes = figure.add_subplot()
+    looks = [(shared, BLUE, "-", ["o", "s", "^"]), (per_pixel, VERMILLION, "--", ["D", "v", "P", "X"])]
+    for images, colour, style, markers in looks:
+        for (name, image), marker in zip(images.items(), markers, strict=True):
+            left = [100 * left_after_averaging(image, exact, side) for side in SIDES]
+            axes.plot(SIDES, left, color=colour, linestyle=style, marker=marker, markersize=5, label=name)
+    _guide(axes, 100 * left_after_averaging(image, exact, 1))
+    axes.set_xscale("log", base=2)
+    axes.set_yscale("log")
+    axes.set_xticks(SIDES, [str(side) for side in SIDES])
+    axes.set_xlabel("side of the squares averaged over, pixels")
+    axes.set_ylabel("relative RMSE left, %")
+    axes.grid(True, which="both", alpha=0.25)
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1))
+    return figure
+
+
+def _guide(axes: Axes, start: float) -> None:
+    """How the error of independent pixels falls."""
+    axes.plot(SIDES, [start / side for side in SIDES], color="0.6", linestyle=":", label="1 / side")

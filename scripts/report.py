@@ -1,0 +1,126 @@
+#!/usr/bin/env python3
+"""The written report as PDF, and a zip of it and all images, from what is there or from fresh runs."""
+
+import argparse
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from lightdome import __version__, cli
+
+COUNTS = [64, 256, 1024]  # samples shared by all pixels
+SPP = [8, 16, 32, 64]
+
+
+class Runs:
+    """What the scripts wrote, into the folder beside the report's or into the report's own, or write now."""
+
+    def __init__(self, out: Path) -> None:
+        self.out = out
+        self.folders: dict[str, Path] = {}
+        self.settings: dict[str, dict] = {}
+
+    def need(self, name: str, script: str, record: str, wanted: Mapping[str, object], *options: object) -> None:
+        """Find the results ``name`` whose settings are as ``wanted``, or run ``script`` with ``options`` for them."""
+        from lightdome import settings
+
+        own = self.out / name
+        for folder in (self.out.parent / name, own):
+            found = settings.read(folder / record)
+            other = found and settings.difference(found, wanted)
+            if found and not other:
+                print(f"{name}: from {folder}", flush=True)
+                break
+            if found:
+                print(f"{name}: not from {folder}, where {other} is another")
+        else:
+            folder = own
+            print(f"{name}: running scripts/{script}", flush=True)
+            status = run(script, *options, "--out", folder)
+            found = settings.read(folder / record)
+            # A case of the stability table may fail: the script says so, and the report shows it.
+            if found is None or settings.difference(found, wanted):
+                sys.exit(status or f"{script} did not leave what was asked for in {folder}")
+        self.folders[name], self.settings[name] = folder, found
+
+
+def run(script: str, *options: object) -> int:
+    """Run a script with its errors and progress on our terminal; its exit status, 1 if it was killed."""
+    command = [sys.executable, Path(__file__).with_name(script), *options]
+    with subprocess.Popen([str(word) for word in command], stdout=subprocess.DEVNULL) as process:
+        try:
+            status = process.wait()
+            return status if status >= 0 else 1
+        except BaseException:
+            process.terminate()  # politely: it clears up after itself
+            raise
+
+
+def main() -> None:
+    parser = cli.parser(
+        "Write report.pdf, typeset, and lightdome-report.zip with it and every .pfm and .ppm. Results of parts 1 to 4,"
+        " bench.py and stability.py are taken from the folders part1 to part4, bench and stability beside DIR if they"
+        " are of this map and version; the others are run, into DIR. All of it afresh takes a quarter of an hour"
+        " on two cores.",
+        "scripts/report.py --quick",
+        "out/report",
+    )
+    cli.map_options(parser)
+    parser.add_argument("--pbrt", type=Path, metavar="PATH", help="the program pbrt or its folder (default: from PATH)")
+    parser.add_argument("--quick", action="store_true", help="smaller images, fewer counts and cases: two minutes")
+    cli.device_option(parser)
+    make(parser.parse_args())
+
+
+def make(args: argparse.Namespace) -> None:
+    from lightdome import report, settings
+    from lightdome.device import open_device
+
+    report.require_typst()
+    out = cli.output_folder(args.out)
+    envmap = cli.load_map(args)
+    device = open_device(args.device)
+    print(f"device: {device.description}")
+    print(f"map: {args.map}, {envmap.width} x {envmap.height}")
+
+    of_version: dict[str, object] = {"versions": {"lightdome": __version__}}
+    of_map = of_version | {"map": {"sha256": settings.map_sum(envmap)}}
+    on_device = ["--device", args.device] if args.device else []
+    on_map = ["--map", args.map, *(["--sanitize"] if args.sanitize else []), *on_device]
+    quick = ["--quick"] if args.quick else []
+    sphere = {"resolution": 255 if args.quick else 511, "albedo": 1.0}
+    with_pbrt = {"pbrt": str(args.pbrt)} if args.pbrt else {}
+
+    runs = Runs(out)
+    runs.need("part1", "part1_fresnel.py", settings.NAME, of_version | {"options": {"eta": 1.4}})
+    options: dict[str, object] = {"counts": COUNTS}
+    runs.need("part2", "part2_sample.py", settings.NAME, of_map | {"options": options}, "--counts", *COUNTS, *on_map)
+    names = [f"samples_{n}.npz" for n in COUNTS]
+    runs.need(
+        "part3",
+        "part3_shade.py",
+        settings.NAME,
+        of_version | {"options": sphere, "inputs": {name: runs.settings["part2"]["files"][name] for name in names}},
+        *(runs.folders["part2"] / name for name in names),
+        *("--resolution", sphere["resolution"], *on_device),
+    )
+    runs.need(
+        "part4",
+        "part4_pbrt.py",
+        settings.NAME,
+        of_map | {"options": {"spp": SPP, **sphere, **with_pbrt}},
+        *("--spp", *SPP, "--resolution", sphere["resolution"], *on_map),
+        *(["--pbrt", args.pbrt] if args.pbrt else []),
+    )
+    options = {"quick": args.quick}
+    runs.need("bench", "bench.py", "bench.json", of_map | {"options": options | {"methods": None}}, *quick, *on_map)
+    runs.need("stability", "stability.py", "stability.json", of_version | {"options": options}, *quick, *on_device)
+
+    results = report.Results(runs.folders, runs.settings)
+    images = report.write(device, envmap, args.map.name, results, out)
+    print(f"wrote {out}/{report.PDF} and {report.ARCHIVE} with it and {images} images")
+
+
+if __name__ == "__main__":
+    cli.run(main)
