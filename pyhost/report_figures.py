@@ -24,7 +24,7 @@ from .images import auto_exposure, tone_map
 BLACK, BLUE, VERMILLION = "#000000", "#0072B2", "#D55E00"
 LINES = [(BLACK, "-"), (BLUE, "--"), (VERMILLION, (0, (1.2, 1.2)))]
 SIDES = (1, 2, 4, 8, 16, 32, 64)  # pixels
-DPI = 400  # of the pictures inside: those of 511 pixels stay as sharp as they are
+DPI = 300  # of the pictures inside: those of 511 pixels stay as sharp as they are
 SVG = {"svg.hashsalt": "lightdome"}  # without a salt of its own the file would differ from run to run
 
 
