@@ -41,7 +41,9 @@ class Runs:
             found = settings.read(folder / record)
             # A case of the stability table may fail: the script says so, and the report shows it.
             if found is None or settings.difference(found, wanted):
-                sys.exit(status or f"{script} did not leave what was asked for in {folder}")
+                if status:
+                    sys.exit(status)  # it has said why
+                raise RuntimeError(f"{script} did not leave what was asked for in {folder}")
         self.folders[name], self.settings[name] = folder, found
 
 
