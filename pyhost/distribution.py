@@ -140,8 +140,8 @@ def build_distribution(device: Device, envmap: EnvironmentMap) -> Distribution:
     """Build the CDF of every row and the CDF over rows of ``envmap`` on ``device``."""
     height, width = envmap.height, envmap.width
     radiance = buffers.upload(device, envmap.radiance)
-    theta = buffers.upload(device, _sine_cosine(row_angles(height)))
-    phi = buffers.upload(device, _sine_cosine(column_angles(width)))
+    theta = buffers.upload(device, sine_cosine(row_angles(height)))
+    phi = buffers.upload(device, sine_cosine(column_angles(width)))
     scale = range_scale(envmap.peak)
     row_cdf, marginal_cdf, total = build_cdfs(device, radiance, scale)
     return Distribution(
@@ -193,14 +193,17 @@ def build_cdfs(
     return row_cdf, marginal_cdf, float(buffers.download(device, total).astype(np.float64).sum())
 
 
-def _sine_cosine(angle: np.ndarray) -> np.ndarray:
+def sine_cosine(angle: np.ndarray) -> np.ndarray:
     # Tables from the host: sin and cos differ between devices in the last digits, and samples may not.
     return np.stack([np.sin(angle), np.cos(angle)], axis=1).astype(np.float32)
 
 
 def range_scale(peak: float) -> float:
-    """A power of two that brings a map's peak to where no sum over a map can leave float32's range."""
+    """A power of two that brings a map's peak to where no sum over a map can leave float32's range.
+
+    A bright peak comes down no further than it must: what is dim beside it stays clear of the subnormals.
+    """
     if peak == 0 or 2.0**-60 <= peak <= 2.0**60:
         return 1.0
-    exponent = min(127, -math.frexp(peak)[1])
-    return 2.0**exponent
+    exponent = math.frexp(peak)[1]
+    return 2.0 ** (60 - exponent if exponent > 0 else min(127, -exponent))

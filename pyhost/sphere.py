@@ -13,6 +13,7 @@ from . import __version__, buffers
 from .cache import key_of, remembered
 from .device import Device
 from .disc import check_resolution, disc_tiles
+from .distribution import range_scale, sine_cosine
 from .envmap import EnvironmentMap, column_angles, row_angles, solid_angles
 from .progress import Progress
 from .samples import Samples
@@ -20,6 +21,7 @@ from .samples import Samples
 LANES = 16  # pixels across a tile, and lights in a vector, see clkernels/shade_tiles.cl
 TILE_ROWS = 16
 PAIRS_A_LAUNCH = 2**33  # pixels x lights between two updates of the progress line
+ARCS_BYTES = 2**22  # prefix sums of a band of map rows that the image is summed from: about a second-level cache
 
 
 def shade(
@@ -101,16 +103,65 @@ def exact_kept(device: Device, envmap: EnvironmentMap, resolution: int = 511) ->
 def exact(device: Device, envmap: EnvironmentMap, resolution: int = 511, albedo: float = 1.0) -> np.ndarray:
     """The image that every estimator converges to: each pixel of the map once, weighted by its solid angle.
 
-    See :func:`shade` for the image and the errors raised.
+    Takes time in proportion to R^2 H and to the map's pixels, not to their product. See :func:`shade` for the
+    image and the errors raised. Kernels: ``arc_sums.cl``, ``exact.cl``.
     """
+    check_resolution(resolution)
     height, width = envmap.height, envmap.width
-    theta, phi = row_angles(height)[:, None], column_angles(width)
-    direction = np.empty((height, width, 3), np.float32)
-    direction[..., 0] = np.sin(theta) * np.cos(phi)
-    direction[..., 1] = np.cos(theta)
-    direction[..., 2] = np.sin(theta) * np.sin(phi)
-    flux = envmap.radiance * solid_angles(height, width)[:, None, None]
-    lit = envmap.radiance.any(axis=2)
-    if not lit.any():
-        return np.zeros((resolution, resolution, 3), np.float32)
-    return shade(device, direction[lit], flux[lit], resolution, albedo)
+    scale = range_scale(envmap.peak)
+    theta, phi = row_angles(height), column_angles(width)
+    pixels = device.vector_width
+    radiance = buffers.upload(device, envmap.radiance)
+    rows, columns = (buffers.upload(device, sine_cosine(angle)) for angle in (theta, phi))
+    weight = buffers.upload(device, (scale / np.pi * solid_angles(height, width)).astype(np.float32))
+    half_arc = buffers.upload(device, _half_arcs(theta, width, resolution))
+    tiles = disc_tiles(resolution, pixels, 1)
+    tile_buffer = buffers.upload(device, tiles)
+    line = (width + 1) // 2 + width + 1
+    band = max(2, min(height, ARCS_BYTES // (128 * line)))
+    arcs = buffers.empty(device, (band, line, 2, 16), np.float32)
+    total = buffers.zeros(device, (resolution, resolution, 2, 3), np.float32)
+
+    sums, kernel = device.kernel("arc_sums"), device.kernel("exact", PIXELS=pixels)
+    with Progress("summing the map") as progress:
+        for first in range(0, height, band):
+            count = min(band, height - first)
+            event = sums(
+                device.queue,
+                (count,),
+                (1,),
+                radiance.buffer,
+                rows.buffer,
+                columns.buffer,
+                weight.buffer,
+                np.uint32(width),
+                np.uint32(first),
+                arcs.buffer,
+            )
+            device.profile.record("arc sums", event)
+            event = kernel(
+                device.queue,
+                (len(tiles),),
+                None if pixels == 1 else (1,),
+                arcs.buffer,
+                half_arc.buffer,
+                np.uint32(width),
+                np.uint32(height),
+                np.uint32(first),
+                np.uint32(count),
+                np.int32(resolution),
+                tile_buffer.buffer,
+                total.buffer,
+            )
+            device.profile.record("exact", event)
+            event.wait()
+            progress.update((first + count) / height)
+    image = buffers.download(device, total).sum(axis=2, dtype=np.float64)
+    return (image * (albedo / scale)).astype(np.float32)
+
+
+def _half_arcs(theta: np.ndarray, width: int, resolution: int) -> np.ndarray:
+    """Half the arc of each map row above the horizon of an image row's normals, in columns: (R, H) float32."""
+    n_y = (resolution - 2.0 * np.arange(resolution) - 1) / resolution
+    q = -(n_y / np.sqrt(1 - n_y**2))[:, None] / np.tan(theta)
+    return (np.arccos(np.clip(q, -1, 1)) * (width / (2 * np.pi))).astype(np.float32)
