@@ -57,7 +57,9 @@ kernel void sample(global const uint *restrict row_cdf,
         down[k] = points[begin + k].y;
     }
 #else
-    sequence_block(begin, count, 0u, seed, across, down);
+    for (uint k = 0; k < BLOCK; ++k)
+        x[k] = begin + k;
+    sequence_block(x, count, 0u, seed, across, down);
 #endif
 
 #ifdef GUIDED

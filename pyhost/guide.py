@@ -1,6 +1,6 @@
 """Guide tables: searches of a map's CDFs that begin where they nearly end.
 
-Worth their while for many samples only. Kernels: ``guide.cl``, ``records.cl``, and ``guided.clh`` for those that search.
+Worth their while for many samples only. Kernels: ``guide.cl``, ``records.cl``; ``guided.clh`` searches.
 """
 
 from __future__ import annotations
@@ -15,8 +15,6 @@ from . import buffers
 from .buffers import DeviceArray
 
 if TYPE_CHECKING:
-    import pyopencl as cl
-
     from .device import Device
 
 BUCKETS_A_ROW = 4.0  # one table for all rows: it fits a first-level cache
