@@ -14,6 +14,7 @@
 // than the row's CDF resolves, and yet be all the light that some normals see. One work-item a cell.
 
 #include "prefix_sum.clh"
+#include "product.clh"
 
 kernel void cells(global const float *restrict radiance,
                   global const float2 *restrict theta,
@@ -53,7 +54,7 @@ kernel void cells(global const float *restrict radiance,
         axis += t.x * (float3)(t.x * along.y, t.y * sum, t.x * along.x);
     }
     weights_to_cdf(row_cdf + first.y, last.y - first.y, total);
-    axis = total > 0.0f ? normalize(axis / total) : (float3)(0.0f, 1.0f, 0.0f);
+    axis = total > 0.0f ? plain_normalize(axis / total) : (float3)(0.0f, 1.0f, 0.0f);
 
     float reach = 0.0f;
     for (uint y = first.y; y < last.y; ++y)
@@ -61,7 +62,7 @@ kernel void cells(global const float *restrict radiance,
             const float3 L = vload3((size_t)y * width + x, radiance);
             const float2 t = theta[y], p = phi[x];
             if (L.x + L.y + L.z > 0.0f)
-                reach = fmax(reach, distance(axis, (float3)(t.x * p.y, t.y, t.x * p.x)));
+                reach = fmax(reach, plain_distance(axis, (float3)(t.x * p.y, t.y, t.x * p.x)));
         }
     flux[index] = total;
     lights[index] = (float4)(axis, reach + 1e-6f);

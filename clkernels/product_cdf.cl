@@ -26,13 +26,13 @@ static inline float4 bound_normals(int2 tile, int tile_size, int resolution)
         }
     if (axis.z == 0.0f)
         return (float4)(0.0f);
-    axis = normalize(axis);
+    axis = plain_normalize(axis);
     float reach = 0.0f;
     for (int y = first.y; y < last.y; ++y)
         for (int x = first.x; x < last.x; ++x) {
             const float3 n = pixel_normal(x, y, resolution);
             if (n.z > 0.0f)
-                reach = fmax(reach, distance(n, axis));
+                reach = fmax(reach, plain_distance(n, axis));
         }
     return (float4)(axis, reach + 1e-6f);
 }

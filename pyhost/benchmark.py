@@ -185,8 +185,8 @@ def slope(points: Sequence[Measurement]) -> float | None:
     return float(np.polyfit(logs[:, 0], logs[:, 1], 1)[0])
 
 
-def settings(device: Device, envmap: EnvironmentMap, options: Mapping[str, object]) -> dict[str, object]:
-    """What a result depends on: the machine, the device, the versions, the map and the options."""
+def settings(device: Device, envmap: EnvironmentMap | None, options: Mapping[str, object]) -> dict[str, object]:
+    """What a result depends on: the machine, the device, the versions, the map if there is one, and the options."""
     return {
         "machine": {
             "system": platform.platform(),
@@ -204,7 +204,8 @@ def settings(device: Device, envmap: EnvironmentMap, options: Mapping[str, objec
             "python": platform.python_version(),
             **{name: version(name) for name in ("numpy", "pyopencl", "OpenImageIO", "matplotlib")},
         },
-        "map": {
+        "map": envmap
+        and {
             "width": envmap.width,
             "height": envmap.height,
             "sha256": hashlib.sha256(envmap.radiance.data).hexdigest(),

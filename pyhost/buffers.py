@@ -56,6 +56,9 @@ def _aligned(shape: tuple[int, ...], kind: np.dtype) -> np.ndarray:
     return memory[start : start + size].view(kind).reshape(shape)
 
 
+# No index overflows before a buffer is refused here, or by the host. Kernels count columns, rows and lights in 32 bits:
+# 2^32 of them are 48 GiB of map or 96 GiB of lights; samples are fewer than 2^31. Products of counts, as y * width + x
+# or 3 i, are in size_t, but for an image's, in 32 bits: at the largest resolution, 16384, 2 i + 1 is below 2^29.
 def _check_room(device: Device, size: int) -> None:
     room = device.handle.max_mem_alloc_size
     if size > room:

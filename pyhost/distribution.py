@@ -216,9 +216,9 @@ def sine_cosine(angle: np.ndarray) -> np.ndarray:
 def range_scale(peak: float) -> float:
     """A power of two that brings a map's peak to where no sum over a map can leave float32's range.
 
-    A bright peak comes down no further than it must: what is dim beside it stays clear of the subnormals.
+    Large peaks come down to 2^60 and no further: the scale would be subnormal itself, and dim pixels with it.
     """
     if peak == 0 or 2.0**-60 <= peak <= 2.0**60:
         return 1.0
     exponent = math.frexp(peak)[1]
-    return 2.0 ** (60 - exponent if exponent > 0 else min(127, -exponent))
+    return 2.0 ** (60 - exponent if peak > 1 else min(127, -exponent))

@@ -24,6 +24,7 @@ from .disc import check_resolution, disc_tiles
 from .distribution import range_scale
 from .envmap import EnvironmentMap, row_angles, solid_angles
 from .errors import LightdomeError
+from .float_range import light_exponent, to_float32
 
 MAX_ORDER = 64  # float32 holds p_lm / sin^m(theta) up to about 90
 TERMS_A_LAUNCH = 2**33  # pixels x coefficients, a second or so
@@ -123,8 +124,9 @@ def shade_harmonics(device: Device, harmonics: Harmonics, resolution: int = 511,
     pixels = device.vector_width
     tiles = disc_tiles(resolution, pixels, 1)
     tile_buffer = buffers.upload(device, tiles)
-    with np.errstate(over="ignore"):
-        term_buffer = buffers.upload(device, table.astype(np.float32))
+    exponent = light_exponent(np.abs(table[:, 2:]).sum(axis=0).max())
+    table[:, 2:] = np.ldexp(table[:, 2:], -exponent)
+    term_buffer = buffers.upload(device, table.astype(np.float32))
     image = buffers.zeros(device, (resolution, resolution, 3), np.float32)
     step = max(1, TERMS_A_LAUNCH // (len(table) * pixels))
     for begin in range(0, len(tiles), step):
@@ -140,7 +142,8 @@ def shade_harmonics(device: Device, harmonics: Harmonics, resolution: int = 511,
             global_offset=(begin,),
         )
         device.profile.record("harmonics", event)
-    return buffers.download(device, image)
+    result = buffers.download(device, image)
+    return to_float32(result, exponent) if exponent else result
 
 
 def _recurrence(order: int) -> tuple[np.ndarray, np.ndarray]:

@@ -7,6 +7,8 @@ camera looks along -z. See Pharr, Jakob, Humphreys, 4th ed., A.4, A.5 and 12.5.
 
 from __future__ import annotations
 
+from decimal import Decimal, localcontext
+
 import numpy as np
 
 
@@ -94,3 +96,28 @@ def relative_rmse(image: np.ndarray, reference: np.ndarray) -> float:
     inside = ~np.isnan(normals(len(image))[..., 0])
     difference = image[inside].astype(np.float64) - reference[inside]
     return float(np.sqrt((difference**2).mean() / (reference[inside].astype(np.float64) ** 2).mean()))
+
+
+def sine_and_cosine(angle: float) -> tuple[Decimal, Decimal]:
+    """(sin, cos) by Taylor's series in the digits of the context, for angles up to 2 radians."""
+    x, term = Decimal(angle), Decimal(1)
+    sums = [Decimal(0), Decimal(0)]  # even powers: cosine, odd powers: sine
+    for k in range(60):
+        sums[k % 2] += term if k % 4 < 2 else -term
+        term *= x / (k + 1)
+    return sums[1], sums[0]
+
+
+def fresnel(theta: float, n_i: float, n_t: float) -> tuple[Decimal, Decimal]:
+    """(R_p, R_s) by Snell's law and Fresnel's equations, to 50 digits or better."""
+    with localcontext() as context:
+        context.prec = 60
+        a, b = Decimal(n_i), Decimal(n_t)
+        sin_i, cos_i = sine_and_cosine(theta)
+        sin_t = a * sin_i / b
+        if sin_t >= 1:
+            return Decimal(1), Decimal(1)
+        cos_t = (1 - sin_t**2).sqrt()
+        p = (b * cos_i - a * cos_t) / (b * cos_i + a * cos_t)
+        s = (a * cos_i - b * cos_t) / (a * cos_i + b * cos_t)
+        return p**2, s**2

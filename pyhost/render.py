@@ -30,6 +30,7 @@ from .disc import check_resolution, disc_tiles
 from .distribution import Distribution, build_cdfs, philox_key
 from .envmap import row_angles
 from .errors import LightdomeError
+from .float_range import to_float32
 from .guide import build_guide
 from .product import ProductCDFs, build_product_cdfs
 from .progress import Progress
@@ -105,7 +106,7 @@ def render(
                 progress.update(done / max(spp))
             # In float64: albedo F / pi can be above float32's range where no radiance is.
             image = buffers.download(device, total).sum(axis=2, dtype=np.float64)
-            yield target, (image * (albedo / np.pi * flux / target)).astype(np.float32)
+            yield target, to_float32(image * (albedo / np.pi * flux / target))
 
 
 def _launch(

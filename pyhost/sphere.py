@@ -15,6 +15,7 @@ from .device import Device
 from .disc import check_resolution, disc_tiles
 from .distribution import range_scale, sine_cosine
 from .envmap import EnvironmentMap, column_angles, row_angles, solid_angles
+from .float_range import light_exponent, to_float32
 from .progress import Progress
 from .samples import Samples
 
@@ -37,15 +38,17 @@ def shade(
     ``direction``  (N, 3) unit vectors towards the lights
     ``flux``       (N, 3) what each stands for, radiance x steradian
 
-    A pixel is albedo / pi times the sum of flux max(0, n . direction); outside the disc it is 0.
+    A pixel is albedo / pi times the sum of flux max(0, n . direction); outside the disc it is 0. What exceeds
+    float32's largest number becomes that number.
     ``brute_force`` evaluates every pair of pixel and light: for comparison, the image is the same.
     Raises :class:`LightdomeError` for a resolution outside 1 to 16384.
     """
     check_resolution(resolution)
     light = np.zeros((6, -(-len(direction) // LANES) * LANES), np.float32)
     light[:3, : len(direction)] = np.transpose(direction)
-    with np.errstate(over="ignore"):
-        light[3:, : len(direction)] = np.transpose(flux) * (albedo / np.pi)
+    reflected = np.transpose(np.asarray(flux, np.float64)) * (albedo / np.pi)
+    exponent = light_exponent(reflected.sum(axis=1).max())
+    light[3:, : len(direction)] = np.ldexp(reflected, -exponent) if exponent else reflected
     # One place decides: a CPU skips pairs of pixel and light tile by tile, a GPU has a pixel a work-item.
     if brute_force or device.is_gpu:
         pixels, rows = device.vector_width, 1
@@ -78,7 +81,8 @@ def shade(
             if step < len(tiles):
                 event.wait()
                 progress.update((begin + count) / len(tiles))
-    return buffers.download(device, image)
+    result = buffers.download(device, image)
+    return to_float32(result, exponent) if exponent else result
 
 
 def shade_samples(device: Device, samples: Samples, resolution: int = 511, albedo: float = 1.0) -> np.ndarray:
@@ -157,7 +161,7 @@ def exact(device: Device, envmap: EnvironmentMap, resolution: int = 511, albedo:
             event.wait()
             progress.update((first + count) / height)
     image = buffers.download(device, total).sum(axis=2, dtype=np.float64)
-    return (image * (albedo / scale)).astype(np.float32)
+    return to_float32(image * (albedo / scale))
 
 
 def _half_arcs(theta: np.ndarray, width: int, resolution: int) -> np.ndarray:

@@ -73,18 +73,3 @@ def fails_in_one_line(result: subprocess.CompletedProcess[str], *words: str) -> 
     assert len(result.stderr.strip().splitlines()) == 1, result.stderr
     for word in words:
         assert word in result.stderr
-
-
-def chi_square_z(counts: np.ndarray, p: np.ndarray) -> float:
-    """How many standard deviations chi-square is off (Wilson and Hilferty 1931); rare bins are pooled."""
-    n = counts.sum()
-    order = np.argsort(p, axis=None)
-    expected, seen = n * p.ravel()[order], counts.ravel()[order]
-    # Pool neighbours in order of p until each pool expects at least 10.
-    pool = np.floor(np.cumsum(expected) / 10).astype(np.int64)
-    pool = np.unique(pool, return_inverse=True)[1]
-    expected, seen = np.bincount(pool, expected), np.bincount(pool, seen)
-    keep = expected > 0
-    assert seen[~keep].sum() == 0
-    chi2, k = ((seen - expected)[keep] ** 2 / expected[keep]).sum(), keep.sum() - 1
-    return float(((chi2 / k) ** (1 / 3) - (1 - 2 / (9 * k))) / np.sqrt(2 / (9 * k)))

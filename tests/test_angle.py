@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pyopencl as cl
+import pytest
 from lightdome import buffers
 from lightdome.device import Device
 from lightdome.programs import source
+
+# Some compilers chat also when all is well.
+pytestmark = pytest.mark.filterwarnings("ignore::pyopencl.CompilerWarning")
 
 KERNELS = """
 kernel void sines(global const uint *u, global float2 *result)

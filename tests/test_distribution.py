@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import chi_square_z, stiff_radiance
+from conftest import stiff_radiance
 from lightdome import buffers, reference
 from lightdome import distribution as distribution_module
 from lightdome.device import Device
@@ -12,6 +12,7 @@ from lightdome.distribution import build_distribution
 from lightdome.envmap import EnvironmentMap
 from lightdome.errors import LightdomeError
 from lightdome.samples import SEQUENCES, Samples
+from lightdome.stability import chi_square_z
 
 SHAPES = [(1, 1), (1, 40), (40, 1), (2, 2), (15, 31), (16, 32), (17, 33), (64, 100)]
 

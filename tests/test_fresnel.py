@@ -7,7 +7,7 @@ import math
 import subprocess
 import sys
 from dataclasses import asdict
-from decimal import Decimal, localcontext
+from decimal import localcontext
 from itertools import combinations
 from pathlib import Path
 from xml.etree import ElementTree
@@ -28,35 +28,12 @@ from lightdome.fresnel import (
     unpolarised,
 )
 from lightdome.fresnel_plot import fresnel_figure, save, schlick_figure
+from lightdome.reference import fresnel as textbook
+from lightdome.reference import sine_and_cosine
 
 SCRIPT = Path(__file__).parent.parent / "scripts" / "part1_fresnel.py"
 RIGHT = math.pi / 2
 ETAS = [1 - 1e-7, 1 + 1e-7, 0.999, 1.001, 1 / 1.4, 1.4, 0.1, 10.0, 1e-3, 1e3, 1e-6, 1e6]
-
-
-def sine_and_cosine(angle: float) -> tuple[Decimal, Decimal]:
-    """Taylor's series, for angles up to 2."""
-    x, term = Decimal(angle), Decimal(1)
-    sums = [Decimal(0), Decimal(0)]  # even powers: cosine, odd powers: sine
-    for k in range(60):
-        sums[k % 2] += term if k % 4 < 2 else -term
-        term *= x / (k + 1)
-    return sums[1], sums[0]
-
-
-def textbook(theta: float, n_i: float, n_t: float) -> tuple[Decimal, Decimal]:
-    """(R_p, R_s) by Snell's law and Fresnel's equations, to 50 digits or better."""
-    with localcontext() as context:
-        context.prec = 60
-        a, b = Decimal(n_i), Decimal(n_t)
-        sin_i, cos_i = sine_and_cosine(theta)
-        sin_t = a * sin_i / b
-        if sin_t >= 1:
-            return Decimal(1), Decimal(1)
-        cos_t = (1 - sin_t**2).sqrt()
-        p = (b * cos_i - a * cos_t) / (b * cos_i + a * cos_t)
-        s = (a * cos_i - b * cos_t) / (a * cos_i + b * cos_t)
-        return p**2, s**2
 
 
 def telling_angles(n_i: float, n_t: float) -> np.ndarray:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import chi_square_z
 from lightdome import reference
 from lightdome.device import Device
 from lightdome.disc import disc_mask
@@ -12,6 +11,7 @@ from lightdome.distribution import Distribution, build_distribution
 from lightdome.envmap import EnvironmentMap
 from lightdome.render import render
 from lightdome.sphere import exact, shade_samples
+from lightdome.stability import chi_square_z
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import PYTHON_PROGRAM, Script, chi_square_z, stiff_radiance
+from conftest import PYTHON_PROGRAM, Script, stiff_radiance
 from lightdome import peer_mitsuba, peer_numpy, peer_pbrt, peers, reference
 from lightdome.benchmark import Method, measure
 from lightdome.benchmark_plot import error_against_time
@@ -20,6 +20,7 @@ from lightdome.envmap import EnvironmentMap
 from lightdome.errors import LightdomeError
 from lightdome.images import write_image
 from lightdome.sphere import exact
+from lightdome.stability import chi_square_z
 
 SIZE = 48
 
