@@ -86,16 +86,19 @@ static inline void light_samples(const Light *light, private const block3 *n, pr
 {
     uint x[BLOCK], y[BLOCK], target_x[BLOCK], target_y[BLOCK];
     pick_pixels(&light->map, across, down, BLOCK, x, y, target_x, target_y);
-    float2 t[BLOCK], p[BLOCK];
+    float sin_theta[BLOCK], cos_theta[BLOCK], sin_phi[BLOCK], cos_phi[BLOCK];
     for (uint k = 0; k < BLOCK; ++k) {
-        t[k] = light->theta[y[k]];
-        p[k] = light->phi[x[k]];
+        const float2 t = light->theta[y[k]], p = light->phi[x[k]];
+        sin_theta[k] = t.x;
+        cos_theta[k] = t.y;
+        sin_phi[k] = p.x;
+        cos_phi[k] = p.y;
     }
     block3 L;
     radiance_at(light, x, y, &L);
     float weight[BLOCK];
     for (uint k = 0; k < BLOCK; ++k) {
-        const float cosine = n->x[k] * t[k].x * p[k].y + n->y[k] * t[k].y + n->z[k] * t[k].x * p[k].x;
+        const float cosine = sin_theta[k] * (n->x[k] * cos_phi[k] + n->z[k] * sin_phi[k]) + n->y[k] * cos_theta[k];
         weight[k] = fmax(cosine, 0.0f) / (L.x[k] + L.y[k] + L.z[k]);
     }
     add_weighted(sum, &L, weight);
@@ -129,11 +132,13 @@ static inline void light_samples(const Light *light, private const block3 *n, pr
     }
     block3 L;
     radiance_at(light, x, y, &L);
+    const float turns_a_column = 1.0f / map->width;
     float weight[BLOCK];
     for (uint k = 0; k < BLOCK; ++k) {
         const float sin_theta = sqrt(fmax((1.0f - cos_theta[k]) * (1.0f + cos_theta[k]), 0.0f));
-        const float2 p = sine_cosine_of_turns(turn[k] / map->width);
-        const float cosine = n->x[k] * sin_theta * p.y + n->y[k] * cos_theta[k] + n->z[k] * sin_theta * p.x;
+        float sin_phi, cos_phi;
+        sine_cosine_of_turns(turn[k] * turns_a_column, &sin_phi, &cos_phi);
+        const float cosine = sin_theta * (n->x[k] * cos_phi + n->z[k] * sin_phi) + n->y[k] * cos_theta[k];
         const float q = fmax(L.x[k] + L.y[k] + L.z[k] - light->offset, 0.0f) * light->k;
         weight[k] = cosine > 0.0f && q > 0.0f ? light->k / (q / cosine + cosine / q) : 0.0f;
     }
@@ -154,8 +159,9 @@ static inline void bsdf_samples(const Light *light, private const block3 *n, pri
     for (uint k = 0; k < BLOCK; ++k) {
         const float r2 = u[k] * FRACTION;
         const float r = sqrt(r2), c = sqrt(1.0f - r2);
-        const float2 angle = sine_cosine(v[k]);
-        const float p = r * angle.y, q = r * angle.x;
+        float sine, cosine_of_angle;
+        sine_cosine(v[k], &sine, &cosine_of_angle);
+        const float p = r * cosine_of_angle, q = r * sine;
         const float nx = n->x[k], ny = n->y[k], nz = n->z[k];
         const float a = -1.0f / (1.0f + nz), b = nx * ny * a;
         const float wx = p * (1.0f + nx * nx * a) + q * b + c * nx;
