@@ -1,13 +1,17 @@
 """What is kept between runs, under ``$XDG_CACHE_HOME/lightdome`` or ``~/.cache/lightdome``.
 
-Everything in it can be made again; where it cannot be written, nothing is kept.
+Everything in it can be made again; where it cannot be written, nothing is kept. PoCL and pyopencl keep their
+programs beside it.
 """
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import hashlib
 import os
+import shutil
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,11 +20,42 @@ import numpy as np
 from .errors import LightdomeError
 from .files import replacing
 
+ROOM = 64 << 20  # bytes; PoCL compiles through files in its cache, and ends the process where the disk is full
+
+
+def _base() -> Path:
+    base = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 - no home: no error
+    return Path(base)
+
 
 def cache_folder(kind: str) -> Path:
     """The folder for one ``kind`` of thing; it may not exist."""
-    base = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 - no home: no error
-    return Path(base) / "lightdome" / kind
+    return _base() / "lightdome" / kind
+
+
+def ensure_room() -> None:
+    """Where the folder for caches cannot be written or is full, use a temporary one until the process ends.
+
+    It becomes this process's ``XDG_CACHE_HOME``, for OpenCL implementations, which cannot do without, to find.
+    Raises :class:`LightdomeError` where there is no room for a temporary folder either.
+    """
+    if _has_room(_base()):
+        return
+    if not _has_room(Path(tempfile.gettempdir())):
+        raise LightdomeError(
+            f"there is no room to compile kernels in {_base()}; set XDG_CACHE_HOME to a folder with {ROOM >> 20} MiB"
+        )
+    temporary = tempfile.TemporaryDirectory(prefix="lightdome-", ignore_cleanup_errors=True)
+    atexit.register(temporary.cleanup)
+    os.environ["XDG_CACHE_HOME"] = temporary.name
+
+
+def _has_room(folder: Path) -> bool:
+    try:
+        existing = next(f for f in (folder, *folder.absolute().parents) if f.exists())
+        return existing.is_dir() and os.access(existing, os.W_OK) and shutil.disk_usage(existing).free >= ROOM
+    except OSError:
+        return False
 
 
 def key_of(*parts: str | bytes | memoryview) -> str:

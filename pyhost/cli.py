@@ -8,6 +8,7 @@ itself exits with 2 on a wrong command line. Defects of lightdome keep their tra
 from __future__ import annotations
 
 import argparse
+import errno
 import math
 import os
 import signal
@@ -17,7 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from .errors import LightdomeError
+from .errors import LightdomeError, one_line
 
 if TYPE_CHECKING:
     from .envmap import EnvironmentMap
@@ -28,21 +29,50 @@ def run(main: Callable[[], None]) -> NoReturn:
     name = Path(sys.argv[0]).stem
     # A polite kill unwinds like Ctrl-C, so that no temporary file stays behind.
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    for stream in ("stdout", "stderr"):
+        if getattr(sys, stream) is None:  # closed by who started us
+            setattr(sys, stream, open(os.devnull, "w"))  # noqa: PTH123, SIM115 - until we exit
     try:
         main()
         sys.stdout.flush()
-    except LightdomeError as error:
-        line = "".join(c if c.isprintable() else "?" for c in str(error))  # file names may hold anything
-        print(f"{name}: {line}", file=sys.stderr)
-        sys.exit(1)
     except KeyboardInterrupt:
         print(f"\n{name}: interrupted", file=sys.stderr)
         sys.exit(130)
     except BrokenPipeError:
         # The reader of our output went away (`| head`): stop quietly, also at interpreter exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _flush_or_drop()
+        sys.exit(1)
+    except Exception as error:
+        message = str(error) if isinstance(error, LightdomeError) else _shortage(error)
+        if message is None:
+            raise
+        line = "".join(c if c.isprintable() else "?" for c in message)  # file names may hold anything
+        print(f"{name}: {line}", file=sys.stderr)
+        _flush_or_drop()
         sys.exit(1)
     sys.exit(0)
+
+
+def _shortage(error: Exception) -> str | None:
+    """What the machine has too little of, if that is what ``error`` says, and what to do."""
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return f"cannot write {error.filename or 'the output'}: {error.strerror}; make room there"
+    # A device may find only when a kernel runs that its memory does not suffice. pyopencl is not imported for this.
+    cl = sys.modules.get("pyopencl")
+    codes = ("MEM_OBJECT_ALLOCATION_FAILURE", "OUT_OF_RESOURCES", "OUT_OF_HOST_MEMORY")
+    on_device = cl and isinstance(error, cl.Error) and error.code in [getattr(cl.status_code, code) for code in codes]
+    if on_device or isinstance(error, MemoryError):
+        what = "the device's memory" if on_device else "the memory"
+        return f"{what} does not suffice ({one_line(error)}); use fewer samples, or a smaller map or image"
+    return None
+
+
+def _flush_or_drop() -> None:
+    """Write what standard output still holds; drop it where that fails, or the interpreter tries again at its exit."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 class _Help(argparse.ArgumentDefaultsHelpFormatter):
@@ -132,7 +162,7 @@ def output_folder(path: Path) -> Path:
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path):
+        with tempfile.TemporaryFile(dir=path):  # has no name that a kill could leave behind
             pass
     except OSError as error:
         raise LightdomeError(

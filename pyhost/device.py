@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from .cache import cache_folder, key_of
+from .cache import cache_folder, ensure_room, key_of
 from .errors import LightdomeError
 from .profile import Profile
 from .programs import Programs
@@ -78,6 +78,7 @@ def open_device(choice: str | None = None) -> Device:
 
     Raises :class:`LightdomeError` if nothing matches or what matches does not work.
     """
+    ensure_room()
     asked = choice or os.environ.get("PYOPENCL_CTX")
     candidates = list(_candidates())
     if asked:
@@ -94,10 +95,6 @@ def open_device(choice: str | None = None) -> Device:
         raise LightdomeError(
             f"the OpenCL device {asked!r} does not compile and run a trivial kernel; choose another with --device"
         )
-    base = cache_folder("").parent
-    existing = next(folder for folder in (base, *base.parents) if folder.exists())
-    if not os.access(existing, os.W_OK):
-        raise LightdomeError(f"no OpenCL device works; PoCL needs {base}: set XDG_CACHE_HOME to a folder to write into")
     raise LightdomeError(NO_DEVICE)
 
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
+import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .errors import LightdomeError
@@ -13,29 +12,29 @@ from .errors import LightdomeError
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary path beside ``path``; rename it to ``path`` when the block ends well.
+    """Yield a temporary file beside ``path``; rename it to ``path`` when the block ends well.
 
     The temporary name starts with a dot and keeps the suffix, so that writers that choose a
-    format by the suffix work. If the block raises, nothing is left. An operating system's refusal
-    (a full disk, no permission) is raised as :class:`LightdomeError`.
+    format by the suffix work. If the block raises, nothing is left; a process that is killed with SIGKILL
+    leaves that hidden file. An operating system's refusal (a full disk, no permission) is raised as
+    :class:`LightdomeError`.
     """
     path = Path(path)
+    temporary = path.with_name(f".{path.stem}.{secrets.token_hex(4)}{path.suffix}")
+    # Everything from here on can be interrupted at any moment.
     try:
         if path.exists() and not path.is_file():
             raise LightdomeError(f"cannot write {path}: it is there and is no ordinary file")
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix)
-    except OSError as error:
-        raise LightdomeError(f"cannot write {path}: {error.strerror}") from error
-    os.close(handle)
-    temporary = Path(name)
-    try:
+        temporary.touch(exist_ok=False)
         yield temporary
-        # mkstemp makes files that only their owner reads; results are ordinary files.
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
         temporary.replace(path)
     except OSError as error:
-        raise LightdomeError(f"cannot write {path}: {error.strerror or error}") from error
+        raise cannot_write(path, error.strerror or str(error)) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # as where the folder is none
+            temporary.unlink(missing_ok=True)
+
+
+def cannot_write(path: Path, reason: str) -> LightdomeError:
+    """The error that says so, and what to do."""
+    return LightdomeError(f"cannot write {path}: {reason}; make room there or choose another folder")

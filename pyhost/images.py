@@ -3,23 +3,30 @@
 Arrays are (H, W, 3) with row 0 at the top, whatever the file's own order of rows. OpenImageIO's PNM
 plug-in needs a hint on both ways to keep it so: it reads PFM bottom up unless ``pnm:pfmflip`` is 1, and
 writes PPM bottom up unless it is 0.
+
+Reading costs memory for what a file holds, whatever its header claims: the values of all its channels at
+4 bytes each, up to three times.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
 
-from .errors import LightdomeError
-from .files import replacing
+from .errors import LightdomeError, one_line
+from .files import cannot_write, replacing
 
 READABLE = (".pfm", ".exr", ".hdr")
 MAX_PIXELS = 2**30
-# No honest file of these formats packs its pixels tighter; a header that claims more is a lie,
-# and believing it would cost the memory that it claims.
-MAX_COMPRESSION = 4096
+# What a file begins with, and the most values that one of its bytes can stand for; a header that claims more is
+# a lie, and believing it would cost the memory that it claims. HDR has runs of 127 in 2 bytes, EXR deflates 2-byte
+# values by up to 1032, and those of its methods that transform blocks keep one of 64 before that.
+DENSITY = {b"PF": 1 / 4, b"Pf": 1 / 4, b"#?": 64, b"v/1\x01": 516}
+DENSITY_OF_BLOCKS = 64 * 516
+MAX_OVERHANG = 2048  # pixels of a tile outside the image
 
 
 def read_image(path: str | Path) -> np.ndarray:
@@ -31,26 +38,33 @@ def read_image(path: str | Path) -> np.ndarray:
     path = Path(path)
     try:
         size = path.stat().st_size
-        if path.is_dir():
-            raise LightdomeError(f"{path} is a folder, not an image")
-        with path.open("rb"):
-            pass
+        if not path.is_file():  # a pipe would be waited for
+            raise LightdomeError(f"{path} is a folder or a device, not an image")
+        with path.open("rb") as stream:
+            start = stream.read(4)
     except OSError as error:
         raise LightdomeError(f"cannot read {path}: {error.strerror}") from error
     if path.suffix.lower() not in READABLE:
         raise LightdomeError(f"{path}: not a map that lightdome reads; give a .pfm, .exr or .hdr file")
 
+    # OpenImageIO would try all of its readers on a file of another kind, whatever its suffix.
+    density = next((density for magic, density in DENSITY.items() if start.startswith(magic)), None)
+    if density is None:
+        raise LightdomeError(f"{path} is damaged or of another kind: it does not begin like a .pfm, .exr or .hdr file")
+
     config = oiio.ImageSpec()
     config.attribute("pnm:pfmflip", 1)
     file = oiio.ImageInput.open(str(path), config)
     if file is None:
-        raise LightdomeError(f"{path} is no image that OpenImageIO can read: {_first_line(oiio.geterror())}")
+        raise LightdomeError(f"{path} is no image that OpenImageIO can read: {_reason(oiio.geterror)}")
     try:
         spec = file.spec()
-        _check_size(path, size, spec)
+        if spec.get_string_attribute("compression").startswith(("dwa", "htj2k")):
+            density = DENSITY_OF_BLOCKS
+        _check_size(path, size, spec, density)
         pixels = file.read_image(oiio.FLOAT)
         if pixels is None:
-            raise LightdomeError(f"{path} is damaged or truncated: {_first_line(file.geterror())}")
+            raise LightdomeError(f"{path} is damaged or truncated: {_reason(file.geterror)}")
         names = [name.upper() for name in spec.channelnames]
     finally:
         file.close()
@@ -76,20 +90,29 @@ def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
     return pixels[rows, columns]
 
 
-def _check_size(path: Path, file_bytes: int, spec: oiio.ImageSpec) -> None:
+def _check_size(path: Path, file_bytes: int, spec: oiio.ImageSpec, density: float) -> None:
     width, height, channels = spec.width, spec.height, spec.nchannels
     if min(width, height, channels) < 1 or spec.depth > 1 or width * height > MAX_PIXELS:
         raise LightdomeError(f"{path}: cannot use an image of {width} x {height} pixels, {channels} channels")
+    if spec.deep:
+        raise LightdomeError(f"{path} is a deep image, which is no environment map; flatten it")
     if (spec.x, spec.y, width, height) != (spec.full_x, spec.full_y, spec.full_width, spec.full_height):
         raise LightdomeError(
             f"{path}: its data window is not its display window, so it is no whole environment map; save it uncropped"
         )
-    if width * height * channels > MAX_COMPRESSION * file_bytes:
+    # The library makes room for whole tiles, also where they reach far out of the image.
+    if spec.tile_width > width + MAX_OVERHANG or spec.tile_height > height + MAX_OVERHANG:
+        raise LightdomeError(f"{path} is damaged: it claims tiles of {spec.tile_width} x {spec.tile_height} pixels")
+    if width * height * channels > density * file_bytes:
         raise LightdomeError(f"{path} is damaged: it claims {width} x {height} pixels but has only {file_bytes} bytes")
 
 
-def _first_line(message: str) -> str:
-    return message.strip().splitlines()[0] if message.strip() else "no reason given"
+def _reason(geterror: Callable[[], str]) -> str:
+    """What OpenImageIO says; it quotes damaged files as they are, in bytes that may be no text."""
+    try:
+        return one_line(geterror())
+    except UnicodeDecodeError as error:
+        return one_line(error.object.decode("utf-8", "replace"))
 
 
 def auto_exposure(radiance: np.ndarray) -> float:
@@ -123,8 +146,8 @@ def write_image(path: str | Path, pixels: np.ndarray) -> None:
     with replacing(path) as temporary:
         file = oiio.ImageOutput.create(str(temporary))
         if file is None:
-            raise LightdomeError(f"cannot write {path}: {_first_line(oiio.geterror())}")
+            raise cannot_write(path, _reason(oiio.geterror))
         done = file.open(str(temporary), spec) and file.write_image(np.ascontiguousarray(pixels))
         done = file.close() and done
         if not done:
-            raise LightdomeError(f"cannot write {path}: {_first_line(file.geterror())}")
+            raise cannot_write(path, _reason(file.geterror))

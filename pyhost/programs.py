@@ -5,16 +5,18 @@ from __future__ import annotations
 import re
 import warnings
 from importlib import resources
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pyopencl as cl
 
-from .errors import LightdomeError
+from .errors import LightdomeError, one_line
 
 if TYPE_CHECKING:
     from importlib.abc import Traversable  # in importlib.resources.abc from Python 3.11
 
 _INCLUDE = re.compile(r'^#include ("[^"]+"|<pyopencl-random123/[^>]+>)\n', re.MULTILINE)
+_SAVED = re.compile(r"\(source saved as (.+)\)")
 
 
 def source(name: str) -> str:
@@ -66,9 +68,12 @@ class Programs:
                 try:
                     program.build(options)
                 except cl.RuntimeError as error:
-                    first = next((line for line in str(error).splitlines() if "error" in line), str(error))
+                    said = str(error)
+                    if saved := _SAVED.search(said):  # pyopencl leaves the source on disk
+                        Path(saved[1]).unlink(missing_ok=True)
+                    first = next((line for line in said.splitlines() if "error" in line), said)
                     raise LightdomeError(
-                        f"the OpenCL compiler refuses clkernels/{name}.cl ({first.strip()[:200]});"
+                        f"the OpenCL compiler refuses clkernels/{name}.cl ({one_line(first)});"
                         " choose another device with --device"
                     ) from error
             self._kernels[key] = getattr(program, name)

@@ -82,6 +82,8 @@ def render(
         return
 
     device = distribution.device
+    # First, as the largest: what a device has no room for fails at once.
+    total = buffers.zeros(device, (resolution, resolution, 2, 3), np.float32)
     disc = disc_tiles(resolution, 1, 1)
     defines = {f"SEQUENCE_{sequence.upper()}": 1}
     if estimator == "product":
@@ -93,7 +95,6 @@ def render(
     else:
         defines[f"ESTIMATOR_{estimator.upper()}"] = 1
         launch, flux = _launch(distribution, mis_compensation, disc, defines)
-    total = buffers.zeros(device, (resolution, resolution, 2, 3), np.float32)
     step = min(max(1, SAMPLES_A_LAUNCH // len(disc)), SAMPLES_A_SUM)
     done = 0
     with Progress("rendering") as progress:

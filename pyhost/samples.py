@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import warnings
 import zipfile
-from dataclasses import dataclass, fields
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from . import __version__
 from .envmap import column_angles, row_angles, solid_angles
-from .errors import LightdomeError
+from .errors import LightdomeError, one_line
 from .files import replacing
 
 MAX_SAMPLES = 2**27  # what a file may hold; 44 bytes each
+MAX_INFLATION = 64  # `save` packs nothing; what others packed is far from this, but a bomb is not
 SEQUENCES = ("independent", "stratified", "sobol", "r2")
 
 
@@ -70,10 +74,14 @@ class Samples:
         """
         path = Path(path)
         arrays = _arrays(path)
+        with np.errstate(over="ignore"):  # what a float32 cannot hold is refused as infinite or zero
+            direction, radiance, probability = (
+                arrays[name].astype(np.float32, copy=False) for name in ("direction", "radiance", "probability")
+            )
         result = cls(
-            direction=arrays["direction"],
-            radiance=arrays["radiance"],
-            probability=arrays["probability"],
+            direction=direction,
+            radiance=radiance,
+            probability=probability,
             pixel=arrays["pixel"],
             map_shape=(int(arrays["map_shape"][0]), int(arrays["map_shape"][1])),
             sequence=str(arrays["sequence"]),
@@ -81,7 +89,7 @@ class Samples:
             version=str(arrays["version"]),
         )
         _check(path, result)
-        return result
+        return replace(result, pixel=result.pixel.astype(np.int32, copy=False))
 
 
 # What a file must hold: kinds of its type, and shape with N for the number of samples.
@@ -101,41 +109,53 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
     """The arrays of an ``.npz`` after a look at their headers, so that no lie in them costs memory."""
     arrays: dict[str, np.ndarray] = {}
     count: int | None = None
-    try:
-        with zipfile.ZipFile(path) as archive:
-            for name, (kinds, shape) in _FORMAT.items():
-                try:
-                    member = archive.getinfo(f"{name}.npy")
-                except KeyError:
-                    raise LightdomeError(f"{path} is no file of samples: it has no array {name!r}") from None
-                with archive.open(member) as stream:
-                    major, _ = np.lib.format.read_magic(stream)
-                    if major != 1:
-                        raise ValueError("unknown version of the array format")
-                    found, _, dtype = np.lib.format.read_array_header_1_0(stream)
-                if dtype.hasobject or dtype.kind not in kinds or dtype.itemsize > 1024:
-                    raise LightdomeError(f"{path}: the array {name!r} has the wrong type, {dtype}")
-                wanted = tuple(count if n == "N" and count is not None else n for n in shape)
-                if len(found) != len(wanted) or any(n not in ("N", f) for n, f in zip(wanted, found, strict=True)):
-                    raise LightdomeError(f"{path}: the array {name!r} has shape {found}, not {_shape(wanted)}")
-                count = found[0] if "N" in shape else count
-                if count is not None and not 0 < count <= MAX_SAMPLES:
-                    raise LightdomeError(f"{path}: holds {count} samples; 1 to {MAX_SAMPLES} can be used")
-                size = int(np.prod(found, dtype=np.int64)) * dtype.itemsize
-                if not size <= member.file_size <= size + 65536:
-                    raise LightdomeError(f"{path} is damaged: the array {name!r} is not as long as it says")
-                with archive.open(member) as stream:
-                    arrays[name] = np.lib.format.read_array(stream, allow_pickle=False)
-    except OSError as error:
-        raise LightdomeError(f"cannot read {path}: {error.strerror or error}") from error
-    except (zipfile.BadZipFile, ValueError, EOFError, NotImplementedError, RuntimeError) as error:
-        raise LightdomeError(f"{path} is damaged or no .npz file: {str(error).splitlines()[0]}") from error
-    except Exception as error:
-        # zlib's error has no public base class of its own in zipfile's documentation.
-        if type(error).__name__ != "error":
-            raise
-        raise LightdomeError(f"{path} is damaged: {error}") from error
+    if path.exists() and not path.is_file():  # a pipe would be waited for
+        raise LightdomeError(f"cannot read {path}: it is no ordinary file")
+    with _parsing(path):
+        room = MAX_INFLATION * path.stat().st_size
+        archive = zipfile.ZipFile(path)
+    with archive:
+        for name, (kinds, shape) in _FORMAT.items():
+            if f"{name}.npy" not in archive.namelist():
+                raise LightdomeError(f"{path} is no file of samples: it has no array {name!r}")
+            member = archive.getinfo(f"{name}.npy")
+            if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                raise LightdomeError(f"{path}: the array {name!r} is packed as numpy never does")
+            with _parsing(path), archive.open(member) as stream:
+                version = np.lib.format.read_magic(stream)
+                if version != (1, 0):
+                    raise ValueError("unknown version of the array format")
+                found, _, dtype = np.lib.format.read_array_header_1_0(stream)
+            if dtype.hasobject or dtype.kind not in kinds or dtype.itemsize > 1024:
+                raise LightdomeError(f"{path}: the array {name!r} has the wrong type, {dtype}")
+            wanted = tuple(count if n == "N" and count is not None else n for n in shape)
+            if len(found) != len(wanted) or any(n not in ("N", f) for n, f in zip(wanted, found, strict=True)):
+                raise LightdomeError(f"{path}: the array {name!r} has shape {found}, not {_shape(wanted)}")
+            count = found[0] if "N" in shape else count
+            if count is not None and not 0 < count <= MAX_SAMPLES:
+                raise LightdomeError(f"{path}: holds {count} samples; 1 to {MAX_SAMPLES} can be used")
+            size = int(np.prod(found, dtype=np.int64)) * dtype.itemsize
+            if not size <= min(member.file_size, room) or member.file_size > size + 65536:
+                raise LightdomeError(f"{path} is damaged: the array {name!r} is not as long as it says")
+            with _parsing(path), archive.open(member) as stream:
+                array = np.lib.format.read_array(stream, allow_pickle=False)
+                arrays[name] = np.asarray(array.item()) if dtype.kind == "U" else array  # may be no Unicode
     return arrays
+
+
+@contextmanager
+def _parsing(path: Path) -> Iterator[None]:
+    """Tell of a damaged file in one line: what zipfile, zlib and numpy raise and warn of then has no common class."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            yield
+    except MemoryError:
+        raise
+    except OSError as error:
+        raise LightdomeError(f"cannot read {path}: {error.strerror or one_line(error)}") from error
+    except Exception as error:
+        raise LightdomeError(f"{path} is damaged or no .npz file: {one_line(error)}") from error
 
 
 def _shape(wanted: tuple[object, ...]) -> str:

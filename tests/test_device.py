@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -49,9 +48,6 @@ def test_a_device_that_fails_the_probe_does_not_count(
     with pytest.raises(LightdomeError, match="does not compile and run"):
         open_device(device.handle.name)
     assert not list(tmp_path.rglob("*"))
-    monkeypatch.setattr(os, "access", lambda path, mode: False)
-    with pytest.raises(LightdomeError, match="XDG_CACHE_HOME"):
-        open_device()
 
 
 def test_a_device_that_passed_the_probe_is_remembered(
