@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from . import __version__, buffers
+from .buffers import DeviceArray
 from .cache import key_of, remembered
 from .device import Device
 from .disc import check_resolution, disc_tiles
@@ -44,25 +45,26 @@ def shade(
     Raises :class:`LightdomeError` for a resolution outside 1 to 16384.
     """
     check_resolution(resolution)
-    light = np.zeros((6, -(-len(direction) // LANES) * LANES), np.float32)
-    light[:3, : len(direction)] = np.transpose(direction)
-    reflected = np.transpose(np.asarray(flux, np.float64)) * (albedo / np.pi)
-    exponent = light_exponent(reflected.sum(axis=1).max())
-    light[3:, : len(direction)] = np.ldexp(reflected, -exponent) if exponent else reflected
+    reflected = np.asarray(flux, np.float64) * (albedo / np.pi)
+    exponent = light_exponent(reflected.sum(axis=0).max())
+    if exponent:
+        reflected = np.ldexp(reflected, -exponent)
+    light = np.concatenate([direction, reflected], axis=1, dtype=np.float32, casting="same_kind")
     # One place decides: a CPU skips pairs of pixel and light tile by tile, a GPU has a pixel a work-item.
     if brute_force or device.is_gpu:
         pixels, rows = device.vector_width, 1
-        light = np.ascontiguousarray(light[:, : len(direction)].T)
         kernel = device.kernel("shade", PIXELS=pixels, ROWS=rows)
+        lights = (buffers.upload(device, light), np.uint32(len(light)))
     else:
         pixels, rows = LANES, TILE_ROWS
         kernel = device.kernel("shade_tiles", ROWS=rows)
+        lights = _grouped(device, light)
+    arguments = tuple(a.buffer if isinstance(a, DeviceArray) else a for a in lights)
     tiles = disc_tiles(resolution, pixels, rows)
     image = buffers.zeros(device, (resolution, resolution, 3), np.float32)
     tile_buffer = buffers.upload(device, tiles)
-    light_buffer = buffers.upload(device, light)
 
-    step = max(1, PAIRS_A_LAUNCH // (light.size // 6 * pixels * rows))
+    step = max(1, PAIRS_A_LAUNCH // (len(light) * pixels * rows))
     with Progress("shading the sphere") as progress:
         for begin in range(0, len(tiles), step):
             count = min(step, len(tiles) - begin)
@@ -71,8 +73,7 @@ def shade(
                 (count,),
                 None if pixels == 1 else (1,),
                 tile_buffer.buffer,
-                light_buffer.buffer,
-                np.uint32(light.size // 6),
+                *arguments,
                 np.int32(resolution),
                 image.buffer,
                 global_offset=(begin,),
@@ -83,6 +84,41 @@ def shade(
                 progress.update((begin + count) / len(tiles))
     result = buffers.download(device, image)
     return to_float32(result, exponent) if exponent else result
+
+
+def _grouped(device: Device, light: np.ndarray) -> tuple[DeviceArray | np.uint32, ...]:
+    """Lights (N, 6) as ``shade_tiles.cl`` takes them: sorted by place, with the bounds and matrices of groups."""
+    order = np.argsort(_places(light[:, :3]))
+    count = -(-len(light) // LANES) * LANES
+    rows = np.zeros((6, count), np.float32)
+    rows[:, : len(light)] = light[order].T
+    rows[:3, len(light) :] = light[order[-1], :3, None]  # no light, but where the last one is
+    lights = buffers.upload(device, rows)
+    bounds = buffers.empty(device, (count // LANES, 4), np.float32)
+    groups = buffers.empty(device, (count // LANES, 16), np.float32)
+    event = device.kernel("light_groups")(
+        device.queue, (count // LANES,), None, lights.buffer, np.uint32(count), bounds.buffer, groups.buffer
+    )
+    device.profile.record("light groups", event)
+    return lights, np.uint32(count), bounds, groups
+
+
+def _places(direction: np.ndarray) -> np.ndarray:
+    """Keys (N,) that sort directions (N, 3) along a curve through an octahedral map: neighbours stay together."""
+    flat = direction / np.abs(direction).sum(axis=1, keepdims=True)
+    x, y, up = flat[:, 0], flat[:, 2], flat[:, 1]
+    folded = up < 0
+    x, y = (
+        np.where(folded, (1 - np.abs(y)) * np.copysign(1, x), x),
+        np.where(folded, (1 - np.abs(x)) * np.copysign(1, y), y),
+    )
+    key = np.zeros(len(direction), np.uint32)
+    for shift, axis in ((0, x), (1, y)):
+        bits = ((axis + 1) * 511.5).astype(np.uint32)
+        for step, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
+            bits = (bits | bits << np.uint32(step)) & np.uint32(mask)
+        key |= bits << np.uint32(shift)
+    return key
 
 
 def shade_samples(device: Device, samples: Samples, resolution: int = 511, albedo: float = 1.0) -> np.ndarray:
