@@ -86,7 +86,7 @@ class Distribution:
     @cached_property
     def guide(self) -> Guide:
         """Tables that speed up the search for many samples, built when first asked for."""
-        return build_guide(self.device, self.radiance, self.row_cdf, self.marginal_cdf)
+        return build_guide(self.device, self.row_cdf, self.marginal_cdf)
 
     def _sample(
         self, count: int, points: np.ndarray | cl.Buffer, defines: dict[str, int], sequence: str, seed: int

@@ -7,7 +7,6 @@ import pytest
 from conftest import stiff_radiance
 from lightdome import buffers, reference
 from lightdome import distribution as distribution_module
-from lightdome import guide as guide_module
 from lightdome.device import Device
 from lightdome.distribution import build_distribution
 from lightdome.envmap import EnvironmentMap
@@ -191,14 +190,13 @@ def test_guided_searches_end_where_plain_ones_do(
         np.testing.assert_array_equal(guided, plain)
 
 
-def test_wide_maps_are_guided_without_records_too(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_maps_wider_than_16_bits_are_guided_too(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     envmap = EnvironmentMap(stiff_radiance(3, 70000))
-    monkeypatch.setattr(distribution_module, "SAMPLES_A_PIXEL", np.inf)
-    plain = build_distribution(device, envmap).sample(10_000).pixel
-    monkeypatch.setattr(distribution_module, "SAMPLES_A_PIXEL", 0)
-    for limit in (guide_module.RECORDS_BYTES, 0):
-        monkeypatch.setattr(guide_module, "RECORDS_BYTES", limit)
-        np.testing.assert_array_equal(build_distribution(device, envmap).sample(10_000).pixel, plain)
+    found = []
+    for guided_from in (0, np.inf):
+        monkeypatch.setattr(distribution_module, "SAMPLES_A_PIXEL", guided_from)
+        found.append(build_distribution(device, envmap).sample(10_000).pixel)
+    np.testing.assert_array_equal(*found)
 
 
 def test_mistakes_are_told(device: Device, stiff: EnvironmentMap) -> None:
