@@ -101,6 +101,8 @@ class Distribution:
         guided: tuple[object, ...] = ()
         if count >= self.envmap.width * self.envmap.height * SAMPLES_A_PIXEL:
             guided, defines = self.guide.arguments, defines | self.guide.defines
+        else:
+            device.omit("guide tables", f"{count} samples are found sooner than tables for the map's pixels are made")
         block = 1 if device.is_gpu else SAMPLES_A_BLOCK
         kernel = device.kernel("sample", BLOCK=block, **defines)
         blocks, step = -(-count // block), max(1, SAMPLES_A_LAUNCH // block)
@@ -182,7 +184,11 @@ def build_cdfs(
     row_sum = buffers.empty(device, (height, 2), np.float32)
     marginal_cdf = buffers.empty(device, height, np.uint32)
     total = buffers.empty(device, 2, np.float32)
-    event = device.kernel("row_cdf")(
+    defines = {}
+    if scale == 1 and offset == 0:
+        defines["PLAIN"] = 1
+        device.omit("scaling of weights", "their sums stay in float32's range")
+    event = device.kernel("row_cdf", **defines)(
         device.queue,
         (height,),
         (1,),

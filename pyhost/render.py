@@ -83,6 +83,7 @@ def render(
         return
 
     device = distribution.device
+    device.omit("code of other estimators and sequences", f"{estimator} and {sequence} are built alone")
     # First, as the largest: what a device has no room for fails at once.
     total = buffers.zeros(device, (resolution, resolution, 2, 3), np.float32)
     disc = disc_tiles(resolution, 1, 1)

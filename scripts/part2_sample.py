@@ -30,6 +30,7 @@ def main() -> None:
     )
     cli.tone_options(parser)
     cli.device_option(parser)
+    cli.explain_option(parser)
     args = parser.parse_args()
 
     out = cli.output_folder(args.out)
@@ -60,6 +61,7 @@ def main() -> None:
             write_image(out / f"em_{count}.{suffix}", marked)
         print(f"wrote {out}/samples_{count}.npz and em_{count}.pfm, .ppm, .png")
     print(f"exposure {exposure:.4g}, gamma {args.gamma:g}")
+    cli.explain(args, device)
 
 
 if __name__ == "__main__":
