@@ -86,4 +86,5 @@ def build_guide(device: Device, radiance: DeviceArray, row_cdf: DeviceArray, mar
             device.queue, (height,), (1,), row_cdf.buffer, radiance.buffer, np.uint32(width), records.buffer
         )
         device.profile.record("guide", event)
+    device.queue.finish()  # where the memory is the host's, it may be freed from here on
     return Guide(marginal, marginal_shift, rows, row_shift, row_total, records)
