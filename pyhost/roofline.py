@@ -76,6 +76,7 @@ class Limits:
 class Timing:
     """A stage's device time: median of repeats after a warm-up, and half the distance of the quartiles.
 
+    Kernels that write memory which is new each time, as large results are, also wait for the system to clear its pages.
     ``peak_bytes`` is the host's memory that a run takes beyond what was there before; None where the system does
     not tell. On a device that shares the host's memory, that is all of it.
     """
