@@ -64,6 +64,7 @@ def build_guide(device: Device, row_cdf: DeviceArray, marginal_cdf: DeviceArray)
 
     marginal, _, marginal_shift = table(marginal_cdf, 1, height, BUCKETS_A_ROW)
     rows, row_total, row_shift = table(row_cdf, height, width, BUCKETS_A_PIXEL)
+    device.queue.finish()  # where the memory is the host's, it may be freed from here on
     return Guide(marginal, rows, row_total, marginal_shift, row_shift)
 
 

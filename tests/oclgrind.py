@@ -23,7 +23,7 @@ from importlib import resources
 import numpy as np
 import pyopencl as cl
 from conftest import stiff_radiance
-from lightdome import buffers
+from lightdome import buffers, roofline
 from lightdome import distribution as distribution_module
 from lightdome.buffers import DeviceArray
 from lightdome.device import Device
@@ -129,6 +129,7 @@ def run_all() -> None:
             exact(distribution.device, distribution.envmap, resolution)
             shade_harmonics(distribution.device, project(distribution.device, distribution.envmap, 3), resolution)
             draw_images(distribution, resolution, ESTIMATORS)
+        touch_limits(distribution.device)
         ran |= distribution.device.ran
     folder = resources.files("lightdome.clkernels")
     sources = {file.name.removesuffix(".cl") for file in folder.iterdir() if file.name.endswith(".cl")}
@@ -167,6 +168,12 @@ def draw(distribution: Distribution) -> None:
 def light(distribution: Distribution, resolution: int, brute_force: bool) -> None:
     samples = distribution.sample(19)
     shade(distribution.device, samples.direction, samples.flux, resolution, brute_force=brute_force)
+
+
+def touch_limits(device: Device) -> None:
+    roofline.copy(device, 2**15)
+    roofline.multiply_add(device, 2)
+    roofline.launch(device)
 
 
 def draw_images(distribution: Distribution, resolution: int, estimators: tuple[str, ...]) -> None:

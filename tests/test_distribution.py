@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pyopencl as cl
 import pytest
 from conftest import stiff_radiance
 from lightdome import buffers, reference
@@ -11,6 +12,7 @@ from lightdome.device import Device
 from lightdome.distribution import build_distribution
 from lightdome.envmap import EnvironmentMap
 from lightdome.errors import LightdomeError
+from lightdome.profile import Profile
 from lightdome.samples import SEQUENCES, Samples
 from lightdome.stability import chi_square_z
 
@@ -211,3 +213,13 @@ def test_mistakes_are_told(device: Device, stiff: EnvironmentMap) -> None:
         distribution.sample_at(np.array([[0.5, 1.0]]))
     with pytest.raises(LightdomeError, match="black"):
         build_distribution(device, EnvironmentMap(np.zeros((4, 8, 3)))).sample(1)
+
+
+def test_no_kernel_writes_a_guide_that_may_be_gone(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    events = []
+    monkeypatch.setattr(Profile, "record", lambda self, stage, event: events.append(event) or event)
+    distribution = build_distribution(device, EnvironmentMap(stiff_radiance(512, 1024)))
+    events.clear()
+    assert distribution.guide
+    assert len(events) == 3
+    assert all(event.command_execution_status == cl.command_execution_status.COMPLETE for event in events)
