@@ -45,7 +45,7 @@ def roofline(points: Sequence[Measurement], limits: Limits, title: str) -> Figur
 
     intensity = [p.operations / p.bytes for p in points]
     x = np.geomspace(min(intensity) / 2, max(intensity) * 8, 200)
-    for size, dash in (min(limits.copies), "--"), (max(limits.copies), "-"):
+    for size, dash in (max(limits.copies, key=limits.copies.get), "--"), (max(limits.copies), "-"):
         said = f"copy of {size >> 20} MiB: {1e-9 * limits.copies[size]:.3g} GB/s"
         axes.plot(x, np.minimum(limits.copies[size] * x, limits.multiply_adds), dash, color="black", label=said)
     axes.plot([], [], " ", label=f"multiply-adds: {1e-9 * limits.multiply_adds:.3g} G/s")
