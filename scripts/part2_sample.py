@@ -66,7 +66,7 @@ def main() -> None:
         write_samples(args, out, image, device)
     else:
         pixels = image.width * image.height
-        large = f"the memory does not suffice for {image.width} x {image.height} pixels; --samples-only holds none of them"
+        large = f"the memory does not suffice for {image.width} x {image.height} pixels; use --samples-only"
         if 12 * pixels > device.handle.max_mem_alloc_size or (
             device.shares_host_memory and BYTES_A_PIXEL * pixels > device.handle.global_mem_size
         ):
