@@ -377,7 +377,11 @@ def _read_both_ways(path: Path) -> np.ndarray:
             by_rows[batch] = pixels
     except LightdomeError:
         by_rows = None
-    image = read_image(path)
+    try:
+        image = read_image(path)
+    except LightdomeError:
+        assert by_rows is None, "by rows it is read"
+        raise
     assert by_rows is not None, "by rows it is refused"
     np.testing.assert_array_equal(by_rows, image)
     return image
