@@ -84,18 +84,16 @@ class ImageRows:
             return
         with _row_reader(self.path) as (spec, read_rows):
             bottom_up = spec.get_int_attribute("Orientation", 1) in (3, 4)
+            in_file = self.height - 1 - rows[::-1] if bottom_up else rows
             for begin in range(0, len(rows), self.batch):
-                if bottom_up:
-                    batch = rows[len(rows) - min(len(rows), begin + self.batch) : len(rows) - begin]
-                    in_file = self.height - 1 - batch[::-1]
-                else:
-                    batch = in_file = rows[begin : begin + self.batch]
+                batch = in_file[begin : begin + self.batch]
                 parts = []
-                for first, end in self._spans(in_file):
-                    wanted = in_file[(in_file >= first) & (in_file < end)] - first
+                for first, end in self._spans(batch):
+                    wanted = batch[(batch >= first) & (batch < end)] - first
                     part = read_rows(first, end)
                     parts.append(part if len(wanted) == end - first else part[wanted])
-                yield batch, _radiance(parts[0] if len(parts) == 1 else np.concatenate(parts), spec)
+                pixels = _radiance(parts[0] if len(parts) == 1 else np.concatenate(parts), spec)
+                yield self.height - 1 - batch[::-1] if bottom_up else batch, pixels
 
     def _spans(self, rows: np.ndarray) -> Iterator[tuple[int, int]]:
         """Spans of whole packs, first row and end, that hold ``rows``; none is longer than a batch need be."""
