@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from lightdome.device import Device
     from lightdome.images import ImageRows
 
-BYTES_A_PIXEL = 90  # of the map, at the peak: tone mapping it for the eye takes most of them
+BYTES_A_PIXEL = 90  # of the map in the host's memory, at the peak: tone mapping it for the eye takes most of them
 
 
 def main() -> None:
@@ -65,11 +65,10 @@ def main() -> None:
     if args.samples_only:
         write_samples(args, out, image, device)
     else:
-        pixels = image.width * image.height
         large = f"the memory does not suffice for {image.width} x {image.height} pixels; use --samples-only"
-        if 12 * pixels > device.handle.max_mem_alloc_size or (
-            device.shares_host_memory and BYTES_A_PIXEL * pixels > device.handle.global_mem_size
-        ):
+        here = device.handle
+        room = here.global_mem_size / BYTES_A_PIXEL if device.shares_host_memory else here.max_mem_alloc_size / 12
+        if image.width * image.height > room:
             raise LightdomeError(large)
         try:
             write_samples_and_pictures(args, out, device)
