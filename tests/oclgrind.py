@@ -7,9 +7,9 @@ odd sizes, so that vectors meet their remainders; each kernel runs in the shape 
 Exits with 1 if Oclgrind has any finding, if it misses the faults of a kernel that is broken on purpose, or if a
 kernel of clkernels/ did not run.
 
-The search for what was never set is for row_cdf, marginal_cdf, choose_rows, sample, shade, harmonics and render, since that of
-Oclgrind 21.10 cannot follow all shuffles of vectors: it takes lane 11 of any for never set, and for a lane that does
-not matter it reads outside its own memory. tests/test_devices.py searches all kernels for it in another way.
+The search for what was never set is for row_cdf, marginal_cdf, choose_rows, sample, shade, harmonics and render, since
+that of Oclgrind 21.10 cannot follow all shuffles of vectors: it takes lane 11 of any for never set, and for a lane that
+does not matter it reads outside its own memory. tests/test_devices.py searches all kernels for it in another way.
 """
 
 from __future__ import annotations

@@ -83,16 +83,26 @@ def test_windows_need_not_begin_at_the_origin(tmp_path: Path, tile: int) -> None
     np.testing.assert_array_equal(by_rows(path, np.arange(21), 3), radiance)
 
 
-def test_rows_that_are_not_asked_for_are_not_read(tmp_path: Path) -> None:
-    for name in ("zip_half_lines.exr", "zip_half_tiles.exr"):
-        path = tmp_path / name
-        path.write_bytes(FILES[name][:-300])  # of the last pack, which holds rows 32 to 36
-        whole = tmp_path / "whole.exr"
-        whole.write_bytes(FILES[name])
-        rows = np.array([0, 3, 31])
-        np.testing.assert_array_equal(by_rows(path, rows, None), read_image(whole)[rows])
-        with pytest.raises(LightdomeError, match="damaged or truncated"):
-            by_rows(path, np.array([0, 3, 33]), None)
+@pytest.mark.parametrize(("name", "damaged"), [("zip_half_lines.exr", 20), ("zip_half_tiles.exr", 33)])
+def test_rows_that_are_not_asked_for_are_not_read(tmp_path: Path, name: str, damaged: int) -> None:
+    path = tmp_path / name
+    content = FILES[name]
+    path.write_bytes(content)
+    rows = np.array([0, 3, 15, 36] if damaged == 20 else [0, 3, 31])  # of other packs than the damaged one
+    expected = read_image(path)[rows]
+    at = len(content) * damaged // 37
+    path.write_bytes(content[:at] + bytes(300) + content[at + 300 :])
+    np.testing.assert_array_equal(by_rows(path, rows, None), expected)
+    with pytest.raises(LightdomeError, match="damaged or truncated"):
+        by_rows(path, np.append(rows[:2], damaged), None)
+
+
+@pytest.mark.parametrize(("name", "first"), [("map.hdr", [0, 1, 2]), ("up.hdr", [2, 1, 0]), ("map.pfm", [2, 1, 0])])
+def test_batches_come_in_the_order_of_the_file(tmp_path: Path, name: str, first: list[int]) -> None:
+    image = np.resize(IMAGE, (3, 4, 3))
+    contents = {"map.hdr": hdr(image, b"-Y 3 +X 4"), "up.hdr": hdr(image[::-1], b"+Y 3 +X 4"), "map.pfm": pfm(image)}
+    (tmp_path / name).write_bytes(contents[name])
+    assert [int(rows[0]) for rows, _ in ImageRows(tmp_path / name, batch=1).read(np.arange(3))] == first
 
 
 @pytest.mark.parametrize("name", ["little.pfm", "grey.pfm", "flat.hdr", "rle.hdr", "zip_half_lines.exr", "columns.hdr"])
