@@ -115,9 +115,9 @@ class MapStages:
         yield self._stage("row cdf", build, work, events=("row cdf",))
         work = Work((8 + 4 + 4) * height, 5 * height, height, "rows")
         yield self._stage("marginal cdf", build, work, events=("marginal cdf",))
-        # An entry of the CDF is compared once; where there are records, it is copied beside the radiance.
-        records = self.distribution.guide.records is not None
-        work = Work((4 + (12 + 16) * records) * pixels, pixels, pixels, "pixels")
+        # Every entry of the CDFs is read and compared once, an index for every bucket is written.
+        guide = self.distribution.guide
+        work = Work(4 * pixels + guide.rows.dtype.itemsize * guide.rows.shape[1] * height, pixels, pixels, "pixels")
         yield self._stage("guide", lambda: replace(self.distribution).guide, work)
         work = Work(12 * pixels, 3 * (2 * ORDER + 1) * pixels, pixels, "pixels")
         yield self._stage("harmonics project", partial(project, self.device, self.envmap, ORDER), work, N=ORDER)

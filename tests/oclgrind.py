@@ -7,29 +7,33 @@ odd sizes, so that vectors meet their remainders; each kernel runs in the shape 
 Exits with 1 if Oclgrind has any finding, if it misses the faults of a kernel that is broken on purpose, or if a
 kernel of clkernels/ did not run.
 
-The search for what was never set is for row_cdf, marginal_cdf, sample, shade, harmonics and render, since that of
-Oclgrind 21.10 cannot follow all shuffles of vectors: it takes lane 11 of any for never set, and for a lane that does
-not matter it reads outside its own memory. tests/test_devices.py searches all kernels for it in another way.
+The search for what was never set is for row_cdf, marginal_cdf, choose_rows, sample, shade, harmonics and render, since
+that of Oclgrind 21.10 cannot follow all shuffles of vectors: it takes lane 11 of any for never set, and for a lane that
+does not matter it reads outside its own memory. tests/test_devices.py searches all kernels for it in another way.
 """
 
 from __future__ import annotations
 
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from importlib import resources
+from pathlib import Path
 
 import numpy as np
 import pyopencl as cl
 from conftest import stiff_radiance
 from lightdome import buffers, roofline
 from lightdome import distribution as distribution_module
+from lightdome.banded import sample_file
 from lightdome.buffers import DeviceArray
 from lightdome.device import Device
 from lightdome.distribution import Distribution, build_distribution
 from lightdome.envmap import EnvironmentMap
 from lightdome.harmonics import Harmonics, project, shade_harmonics
+from lightdome.images import ImageRows, write_image
 from lightdome.mediancut import median_cut
 from lightdome.programs import Programs
 from lightdome.render import ESTIMATORS, render
@@ -122,6 +126,7 @@ def run_all() -> None:
     ran = set()
     for distribution in distributions():
         draw(distribution)
+        draw_from_file(distribution)
         median_cut(distribution, 5)
         for resolution in RESOLUTIONS:
             light(distribution, resolution, brute_force=False)
@@ -141,6 +146,7 @@ def run_all() -> None:
 def run_clean() -> None:
     for distribution in distributions():
         draw(distribution)
+        draw_from_file(distribution)
         for resolution in RESOLUTIONS:
             light(distribution, resolution, brute_force=True)
             shade_harmonics(distribution.device, Harmonics(np.ones((16, 3))), resolution)
@@ -163,6 +169,14 @@ def draw(distribution: Distribution) -> None:
         for sequence in SEQUENCES:
             distribution.sample(19, 1, sequence)
         distribution.sample_at(np.array([(0, 0), (1 - 2.0**-32, 1 - 2.0**-32), (0.5, 0.25)]))
+
+
+def draw_from_file(distribution: Distribution) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "map.pfm"
+        write_image(path, distribution.envmap.radiance)
+        for sequence in SEQUENCES:
+            sample_file(distribution.device, ImageRows(path, batch=2), [19], 1, sequence)
 
 
 def light(distribution: Distribution, resolution: int, brute_force: bool) -> None:
