@@ -11,7 +11,7 @@ from lightdome.disc import disc_mask, disc_tiles
 from lightdome.distribution import build_distribution
 from lightdome.envmap import EnvironmentMap
 from lightdome.errors import LightdomeError
-from lightdome.sphere import exact, shade, shade_samples
+from lightdome.sphere import SAMPLES_A_ROW, exact, shade, shade_samples
 
 RESOLUTIONS = [1, 2, 3, 10, 63, 64, 101]
 
@@ -63,6 +63,14 @@ def test_the_exact_image_meets_the_float64_sum(device: Device) -> None:
     mask = inside(33)
     expected = reference.exact(radiance, reference.normals(33)[mask])
     np.testing.assert_allclose(image[mask], expected, rtol=2e-6)
+
+
+@pytest.mark.parametrize("count", [21 * SAMPLES_A_ROW - 1, 21 * SAMPLES_A_ROW, 40_000])
+def test_samples_that_share_pixels_give_the_same_image(device: Device, stiff: EnvironmentMap, count: int) -> None:
+    samples = build_distribution(device, stiff).sample(count, seed=4)
+    image = shade_samples(device, samples, 33, albedo=0.6)
+    brute = shade(device, samples.direction, samples.flux, 33, albedo=0.6, brute_force=True)
+    assert np.abs(image - brute).max() <= 2e-6 * brute.max()
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (2, 2), (5, 3), (9, 20), (33, 64)])
