@@ -171,11 +171,16 @@ def exact(device: Device, envmap: EnvironmentMap, resolution: int = 511, albedo:
     tiles = disc_tiles(resolution, pixels, 1)
     tile_buffer = buffers.upload(device, tiles)
     line = (width + 1) // 2 + width + 1
-    band = max(2, min(height, ARCS_BYTES // (128 * line)))
-    arcs = buffers.empty(device, (band, line, 2, 16), np.float32)
+    grey = envmap.is_grey
+    if grey:
+        device.omit("two channels of three", "the map is grey")
+    word = 4 if grey else 16  # floats
+    band = max(2, min(height, ARCS_BYTES // (8 * word * line)))
+    arcs = buffers.empty(device, (band, line, 2, word), np.float32)
     total = buffers.zeros(device, (resolution, resolution, 2, 3), np.float32)
 
-    sums, kernel = device.kernel("arc_sums"), device.kernel("exact", PIXELS=pixels)
+    defines = {"GREY": 1} if grey else {}
+    sums, kernel = device.kernel("arc_sums", **defines), device.kernel("exact", PIXELS=pixels, **defines)
     with Progress("summing the map") as progress:
         for first in range(0, height, band):
             count = min(band, height - first)

@@ -85,6 +85,16 @@ def test_the_exact_image_for_any_shape(device: Device, shape: tuple[int, int], r
     assert not image[~mask].any()
 
 
+def test_a_grey_map_gives_the_same_image_from_one_channel(device: Device) -> None:
+    radiance = np.repeat(stiff_radiance(16, 33)[..., :1], 3, axis=2)
+    radiance[3, 30] = 1e6
+    coloured = radiance * np.array([1, 1, 2], np.float32)
+    grey, colour = EnvironmentMap(radiance), EnvironmentMap(coloured)
+    assert grey.is_grey
+    assert not colour.is_grey
+    np.testing.assert_array_equal(exact(device, grey, 20) * np.array([1, 1, 2], np.float32), exact(device, colour, 20))
+
+
 def test_a_sun_leaves_the_shadow_its_digits(device: Device) -> None:
     radiance = stiff_radiance(32, 64)
     radiance[10, 50] = 1e12  # behind: phi beyond pi
