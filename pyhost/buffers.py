@@ -11,6 +11,8 @@ import pyopencl as cl
 from .device import Device
 from .errors import LightdomeError
 
+CACHE_LINE = 64  # bytes
+
 
 @dataclass(frozen=True)
 class DeviceArray:
@@ -30,6 +32,7 @@ def upload(device: Device, array: np.ndarray, stage: str = "upload") -> DeviceAr
     array = np.ascontiguousarray(array)
     flags = cl.mem_flags.READ_ONLY
     if device.shares_host_memory:
+        device.omit("copies between host and device", "it works on the host's memory")
         return DeviceArray(_buffer(device, flags, array.nbytes, array), array.shape, array.dtype, array)
     buffer = _buffer(device, flags, array.nbytes, None)
     device.profile.record(stage, cl.enqueue_copy(device.queue, buffer, array, is_blocking=False))
@@ -42,8 +45,16 @@ def empty(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceAr
     kind = np.dtype(dtype)
     size = math.prod(shape) * kind.itemsize
     _check_room(device, size)
-    host = np.empty(shape, kind) if device.shares_host_memory else None
+    host = _aligned(shape, kind) if device.shares_host_memory else None
     return DeviceArray(_buffer(device, cl.mem_flags.READ_WRITE, size, host), shape, kind, host)
+
+
+def _aligned(shape: tuple[int, ...], kind: np.dtype) -> np.ndarray:
+    """An empty array that begins at a cache line, as vectors of 16 must."""
+    size = math.prod(shape) * kind.itemsize
+    memory = np.empty(size + CACHE_LINE, np.uint8)
+    start = -memory.ctypes.data % CACHE_LINE
+    return memory[start : start + size].view(kind).reshape(shape)
 
 
 # No index overflows before a buffer is refused here, or by the host. Kernels count columns, rows and lights in 32 bits:

@@ -18,6 +18,7 @@ def main() -> None:
     cli.sphere_options(parser)
     cli.tone_options(parser)
     cli.device_option(parser)
+    cli.explain_option(parser)
     args = parser.parse_args()
 
     from lightdome.samples import Samples
@@ -51,6 +52,7 @@ def main() -> None:
     inputs = {path.name: settings.file_sum(path) for path in args.samples}
     settings.write(out, settings.settings(device, None, vars(args)) | {"inputs": inputs}, names)
     print(f"exposure {exposure:.4g}, gamma {args.gamma:g}")
+    cli.explain(args, device)
 
 
 if __name__ == "__main__":

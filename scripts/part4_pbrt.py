@@ -45,21 +45,20 @@ def parse_arguments() -> argparse.Namespace:
     cli.sphere_options(parser)
     cli.tone_options(parser)
     cli.device_option(parser)
+    cli.explain_option(parser)
     args = parser.parse_args()
     if args.renderer == "opencl" and args.pbrt:
         parser.error("--pbrt is for --renderer pbrt or auto")
     return args
 
 
-def with_opencl(args: argparse.Namespace, envmap: EnvironmentMap) -> tuple[Device, Images]:
-    """The device and the images from our own renderer."""
-    from lightdome.device import open_device
+def with_opencl(args: argparse.Namespace, envmap: EnvironmentMap, device: Device) -> Images:
+    """The images from our own renderer."""
     from lightdome.distribution import build_distribution
     from lightdome.render import render
 
-    device = open_device(args.device)
-    print(f"device: {device.description}")
-    return device, render(build_distribution(device, envmap), args.spp, args.resolution, args.albedo, args.seed)
+    yield from render(build_distribution(device, envmap), args.spp, args.resolution, args.albedo, args.seed)
+    cli.explain(args, device)
 
 
 def main() -> None:
@@ -90,7 +89,15 @@ def main() -> None:
     if program and program.version == 3 and args.seed:
         print("note: PBRT-v3 has no seed; --seed does nothing")
 
-    device, images = (None, pbrt.render(program, scenes)) if program else with_opencl(args, envmap)
+    device = None
+    if program:
+        images = pbrt.render(program, scenes)
+    else:
+        from lightdome.device import open_device
+
+        device = open_device(args.device)
+        print(f"device: {device.description}")
+        images = with_opencl(args, envmap, device)
     done = {}
     for spp, image in images:
         write_image(out / f"sphere_{spp}spp.pfm", image)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pyopencl as cl
 import pytest
 from conftest import stiff_radiance
 from lightdome import buffers, reference
@@ -11,6 +12,7 @@ from lightdome.device import Device
 from lightdome.distribution import build_distribution
 from lightdome.envmap import EnvironmentMap
 from lightdome.errors import LightdomeError
+from lightdome.profile import Profile
 from lightdome.samples import SEQUENCES, Samples
 from lightdome.stability import chi_square_z
 
@@ -170,6 +172,35 @@ def test_many_samples_are_the_same_as_few_in_one_launch(
             np.testing.assert_array_equal(distribution.sample(1000, 3, sequence).pixel, whole)
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (3, 1), (21, 43), (5, 300), (64, 128)])
+def test_guided_searches_end_where_plain_ones_do(
+    device: Device, shape: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    distribution = build_distribution(device, EnvironmentMap(stiff_radiance(*shape) + np.float32(1e-30)))
+    cdf = buffers.download(device, distribution.row_cdf).astype(np.float64)
+    edges = (cdf[shape[0] // 2] / cdf[shape[0] // 2, -1])[:-1]
+    ends = np.concatenate([edges, edges - 2.0**-32, edges + 2.0**-32, [0, 1 - 2.0**-32]]).clip(0, 1 - 2.0**-32)
+    points = np.random.default_rng(0).random((5000, 2))
+    points[: len(ends), 0] = ends
+    points[: len(ends), 1] = (shape[0] // 2 + 0.5) / shape[0]
+    found = []
+    for guided_from in (0, np.inf):
+        monkeypatch.setattr(distribution_module, "SAMPLES_A_PIXEL", guided_from)
+        samples = distribution.sample_at(points)
+        found.append((samples.pixel, samples.probability, samples.direction, samples.radiance))
+    for guided, plain in zip(*found, strict=True):
+        np.testing.assert_array_equal(guided, plain)
+
+
+def test_maps_wider_than_16_bits_are_guided_too(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    envmap = EnvironmentMap(stiff_radiance(3, 70000))
+    found = []
+    for guided_from in (0, np.inf):
+        monkeypatch.setattr(distribution_module, "SAMPLES_A_PIXEL", guided_from)
+        found.append(build_distribution(device, envmap).sample(10_000).pixel)
+    np.testing.assert_array_equal(*found)
+
+
 def test_mistakes_are_told(device: Device, stiff: EnvironmentMap) -> None:
     distribution = build_distribution(device, stiff)
     with pytest.raises(LightdomeError, match="0 samples"):
@@ -182,3 +213,13 @@ def test_mistakes_are_told(device: Device, stiff: EnvironmentMap) -> None:
         distribution.sample_at(np.array([[0.5, 1.0]]))
     with pytest.raises(LightdomeError, match="black"):
         build_distribution(device, EnvironmentMap(np.zeros((4, 8, 3)))).sample(1)
+
+
+def test_no_kernel_writes_a_guide_that_may_be_gone(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    events = []
+    monkeypatch.setattr(Profile, "record", lambda self, stage, event: events.append(event) or event)
+    distribution = build_distribution(device, EnvironmentMap(stiff_radiance(512, 1024)))
+    events.clear()
+    assert distribution.guide
+    assert len(events) == 2
+    assert all(event.command_execution_status == cl.command_execution_status.COMPLETE for event in events)

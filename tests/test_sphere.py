@@ -11,7 +11,7 @@ from lightdome.disc import disc_mask, disc_tiles
 from lightdome.distribution import build_distribution
 from lightdome.envmap import EnvironmentMap
 from lightdome.errors import LightdomeError
-from lightdome.sphere import exact, shade, shade_samples
+from lightdome.sphere import SAMPLES_A_ROW, exact, shade, shade_samples
 
 RESOLUTIONS = [1, 2, 3, 10, 63, 64, 101]
 
@@ -44,7 +44,7 @@ def test_shared_samples_meet_the_float64_sum(
     expected = reference.shade(
         reference.normals(resolution)[mask], samples.direction, samples.radiance, samples.density, 0.7
     )
-    assert np.abs(image[mask] - expected).max() < 1e-6 * expected.max()
+    assert np.abs(image[mask] - expected).max() < 2e-6 * expected.max()
     assert not image[~mask].any()
 
 
@@ -63,6 +63,55 @@ def test_the_exact_image_meets_the_float64_sum(device: Device) -> None:
     mask = inside(33)
     expected = reference.exact(radiance, reference.normals(33)[mask])
     np.testing.assert_allclose(image[mask], expected, rtol=2e-6)
+
+
+@pytest.mark.parametrize("count", [21 * SAMPLES_A_ROW - 1, 21 * SAMPLES_A_ROW, 40_000])
+def test_samples_that_share_pixels_give_the_same_image(device: Device, stiff: EnvironmentMap, count: int) -> None:
+    samples = build_distribution(device, stiff).sample(count, seed=4)
+    image = shade_samples(device, samples, 33, albedo=0.6)
+    brute = shade(device, samples.direction, samples.flux, 33, albedo=0.6, brute_force=True)
+    assert np.abs(image - brute).max() <= 2e-6 * brute.max()
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (2, 2), (5, 3), (9, 20), (33, 64)])
+@pytest.mark.parametrize("resolution", [1, 2, 17, 40])
+def test_the_exact_image_for_any_shape(device: Device, shape: tuple[int, int], resolution: int) -> None:
+    radiance = np.exp(np.random.default_rng(3).normal(0, 2, (*shape, 3))).astype(np.float32)
+    image = exact(device, EnvironmentMap(radiance), resolution, albedo=0.8)
+    mask = inside(resolution)
+    expected = reference.exact(radiance, reference.normals(resolution)[mask], 0.8)
+    # A map of few pixels can leave a normal no light but what grazes it: no relative error holds there.
+    np.testing.assert_allclose(image[mask], expected, rtol=2e-6, atol=2e-7 * expected.max(initial=0))
+    assert not image[~mask].any()
+
+
+def test_a_grey_map_gives_the_same_image_from_one_channel(device: Device) -> None:
+    radiance = np.repeat(stiff_radiance(16, 33)[..., :1], 3, axis=2)
+    radiance[3, 30] = 1e6
+    coloured = radiance * np.array([1, 1, 2], np.float32)
+    grey, colour = EnvironmentMap(radiance), EnvironmentMap(coloured)
+    assert grey.is_grey
+    assert not colour.is_grey
+    np.testing.assert_array_equal(exact(device, grey, 20) * np.array([1, 1, 2], np.float32), exact(device, colour, 20))
+
+
+def test_a_sun_leaves_the_shadow_its_digits(device: Device) -> None:
+    radiance = stiff_radiance(32, 64)
+    radiance[10, 50] = 1e12  # behind: phi beyond pi
+    image, mask = exact(device, EnvironmentMap(radiance), 33), inside(33)
+    expected = reference.exact(radiance, reference.normals(33)[mask])
+    shadow = expected.max(axis=1) < 1e-6 * expected.max()
+    assert 0.3 < shadow.mean() < 0.95
+    np.testing.assert_allclose(image[mask][shadow], expected[shadow], rtol=1e-4)
+    np.testing.assert_allclose(image[mask][~shadow], expected[~shadow], rtol=2e-6, atol=2e-7 * expected.max())
+
+
+@pytest.mark.parametrize("peak", [3e38, 1e-39])
+def test_the_exact_image_at_the_ends_of_the_range(device: Device, peak: float) -> None:
+    radiance = (np.random.default_rng(0).random((16, 32, 3)) * peak).astype(np.float32)
+    image, mask = exact(device, EnvironmentMap(radiance), 9), inside(9)
+    expected = reference.exact(radiance, reference.normals(9)[mask])
+    np.testing.assert_allclose(image[mask], expected, rtol=2e-6, atol=2.0**-149)
 
 
 def test_under_a_constant_map_the_sphere_has_the_maps_colour(device: Device) -> None:
