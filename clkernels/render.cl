@@ -19,113 +19,172 @@
 // evenly over its solid angle: this integral is the sum over centres less about (pi / height)^2 / 8 of it.
 //
 // edge   cos(theta) at the height + 1 borders of rows
+// disc   pixels inside the disc, pixel_count of them
 // sum    resolution x resolution double words of 3, the samples so far; this adds samples begin .. end - 1
 //
-// One work-item a pixel. Sample s of pixel i is point s of stream i, whatever ran before; the second
-// point that `mis` needs is of stream 2^31 + i.
+// One work-item BLOCK pixels, in short loops that compilers turn into vectors. Sample s of pixel i is point s of
+// stream i, whatever ran before; the second point that `mis` needs is of stream 2^31 + i.
 
 #include "double_word.clh"
+#include "guided.clh"
 #include "sequence.clh"
-#include "invert_cdf.clh"
 #include "normal.clh"
 #include "angle.clh"
 
 #define FRACTION 0x1p-32f
 
 typedef struct {
-    global const uint *row_cdf;
-    global const uint *marginal_cdf;
+    guided_map map;
     global const float *radiance;
     global const float2 *theta;
     global const float2 *phi;
     global const float *edge;
-    uint width;
-    uint height;
     float scale;
     float offset;
     float k;
 } Light;
 
-static inline float3 radiance_at(const Light *light, uint x, uint y)
+// Vectors of BLOCK pixels or samples, by component.
+typedef struct {
+    float x[BLOCK], y[BLOCK], z[BLOCK];
+} block3;
+
+static inline void radiance_at(const Light *light, private const uint *x, private const uint *y, private block3 *L)
 {
-    return vload3((size_t)y * light->width + x, light->radiance) * light->scale;
+    for (uint k = 0; k < BLOCK; ++k) {
+        const size_t i = (size_t)y[k] * light->map.width + x[k];
+#ifdef RECORDS
+        const float3 l = as_float4(vload4(i, light->map.pixels)).yzw;
+#else
+        const float3 l = vload3(i, light->radiance);
+#endif
+        L->x[k] = l.x;
+        L->y[k] = l.y;
+        L->z[k] = l.z;
+    }
+    for (uint k = 0; k < BLOCK; ++k) {
+        L->x[k] *= light->scale;
+        L->y[k] *= light->scale;
+        L->z[k] *= light->scale;
+    }
 }
 
-// q, pi times the light's density.
-static inline float density(const Light *light, float3 L)
+// sum += L weight
+static inline void add_weighted(private block3 *sum, private const block3 *L, private const float *weight)
 {
-    return fmax(L.x + L.y + L.z - light->offset, 0.0f) * light->k;
+    for (uint k = 0; k < BLOCK; ++k) {
+        sum->x[k] += L->x[k] * weight[k];
+        sum->y[k] += L->y[k] * weight[k];
+        sum->z[k] += L->z[k] * weight[k];
+    }
 }
 
 #if defined(ESTIMATOR_LIGHT)
 
-static inline float3 light_sample(const Light *light, float3 normal, uint2 u)
+static inline void light_samples(const Light *light, private const block3 *n, private const uint *across,
+                                 private const uint *down, private block3 *sum)
 {
-    const uint y = invert_cdf(light->marginal_cdf, light->height, u.y);
-    const uint x = invert_cdf(light->row_cdf + (size_t)y * light->width, light->width, u.x);
-    const float2 t = light->theta[y], p = light->phi[x];
-    const float cosine = dot(normal, (float3)(t.x * p.y, t.y, t.x * p.x));
-    if (cosine <= 0.0f)
-        return (float3)(0.0f);
-    const float3 L = radiance_at(light, x, y);
-    return L * (cosine / (L.x + L.y + L.z));
+    uint x[BLOCK], y[BLOCK], target_x[BLOCK], target_y[BLOCK];
+    pick_pixels(&light->map, across, down, BLOCK, x, y, target_x, target_y);
+    float sin_theta[BLOCK], cos_theta[BLOCK], sin_phi[BLOCK], cos_phi[BLOCK];
+    for (uint k = 0; k < BLOCK; ++k) {
+        const float2 t = light->theta[y[k]], p = light->phi[x[k]];
+        sin_theta[k] = t.x;
+        cos_theta[k] = t.y;
+        sin_phi[k] = p.x;
+        cos_phi[k] = p.y;
+    }
+    block3 L;
+    radiance_at(light, x, y, &L);
+    float weight[BLOCK];
+    for (uint k = 0; k < BLOCK; ++k) {
+        const float cosine = sin_theta[k] * (n->x[k] * cos_phi[k] + n->z[k] * sin_phi[k]) + n->y[k] * cos_theta[k];
+        weight[k] = fmax(cosine, 0.0f) / (L.x[k] + L.y[k] + L.z[k]);
+    }
+    add_weighted(sum, &L, weight);
 }
 
 #elif defined(ESTIMATOR_MIS)
 
-// c L / S_c with its weight q^2 / (q^2 + c^2) is L k / (q / c + c / q): no square that could leave the range.
-static inline float3 light_sample(const Light *light, float3 normal, uint2 u)
+// Where in its step of a CDF a point lay, 0 to 1. `at` is the step's end, `before` the entry before it or null.
+static inline float rest(global const uint *at, bool first, uint stride, uint target, uint low)
 {
-    uint across = u.x, down = u.y;
-    const uint y = invert_cdf_rest(light->marginal_cdf, light->height, &down);
-    const uint x = invert_cdf_rest(light->row_cdf + (size_t)y * light->width, light->width, &across);
-    const float cos_theta = mix(light->edge[y], light->edge[y + 1], down * FRACTION);
-    const float sin_theta = sqrt(fmax((1.0f - cos_theta) * (1.0f + cos_theta), 0.0f));
-    const float2 p = sine_cosine((uint)((((ulong)x << 32) + across) / light->width));
-    const float cosine = dot(normal, (float3)(sin_theta * p.y, cos_theta, sin_theta * p.x));
-    const float3 L = radiance_at(light, x, y);
-    const float q = density(light, L);
-    if (cosine <= 0.0f || q <= 0.0f)
-        return (float3)(0.0f);
-    return L * (light->k / (q / cosine + cosine / q));
+    const uint below = first ? 0u : at[-(int)stride];
+    return ((float)(target - below) + (float)low * FRACTION) / (float)(at[0] - below);
+}
+
+// c L / S_c with its weight q^2 / (q^2 + c^2) is L k / (q / c + c / q): no square that could leave the range.
+static inline void light_samples(const Light *light, private const block3 *n, private const uint *across,
+                                 private const uint *down, private block3 *sum)
+{
+    const guided_map *map = &light->map;
+    uint x[BLOCK], y[BLOCK], target_x[BLOCK], target_y[BLOCK];
+    pick_pixels(map, across, down, BLOCK, x, y, target_x, target_y);
+    const uint total = map->marginal_cdf[map->height - 1];
+    float cos_theta[BLOCK], turn[BLOCK];
+    for (uint k = 0; k < BLOCK; ++k) {
+        const float v = rest(map->marginal_cdf + y[k], y[k] == 0, 1, target_y[k], down[k] * total);
+        cos_theta[k] = mix(light->edge[y[k]], light->edge[y[k] + 1], v);
+    }
+    for (uint k = 0; k < BLOCK; ++k) {
+        global const uint *at = map->pixels + PIXEL_STRIDE * ((size_t)y[k] * map->width + x[k]);
+        turn[k] = x[k] + rest(at, x[k] == 0, PIXEL_STRIDE, target_x[k], across[k] * map->row_total[y[k]]);
+    }
+    block3 L;
+    radiance_at(light, x, y, &L);
+    const float turns_a_column = 1.0f / map->width;
+    float weight[BLOCK];
+    for (uint k = 0; k < BLOCK; ++k) {
+        const float sin_theta = sqrt(fmax((1.0f - cos_theta[k]) * (1.0f + cos_theta[k]), 0.0f));
+        float sin_phi, cos_phi;
+        sine_cosine_of_turns(turn[k] * turns_a_column, &sin_phi, &cos_phi);
+        const float cosine = sin_theta * (n->x[k] * cos_phi + n->z[k] * sin_phi) + n->y[k] * cos_theta[k];
+        const float q = fmax(L.x[k] + L.y[k] + L.z[k] - light->offset, 0.0f) * light->k;
+        weight[k] = cosine > 0.0f && q > 0.0f ? light->k / (q / cosine + cosine / q) : 0.0f;
+    }
+    add_weighted(sum, &L, weight);
 }
 
 #endif
 
 #if defined(ESTIMATOR_BSDF) || defined(ESTIMATOR_MIS)
 
-// A vector given in a frame whose third axis is n, n.z >= 0 (Duff et al. 2017).
-static inline float3 from_frame(float3 n, float3 v)
+// Malley's method: even over the disc, projected up to the hemisphere, in a frame about n (Duff et al. 2017).
+// The radiance is that of the pixel that w lies in; an arc tangent keeps its digits at the poles, an arc cosine does not.
+static inline void bsdf_samples(const Light *light, private const block3 *n, private const uint *u, private const uint *v,
+                                private block3 *sum)
 {
-    const float a = -1.0f / (1.0f + n.z);
-    const float b = n.x * n.y * a;
-    return v.x * (float3)(1.0f + n.x * n.x * a, b, -n.x) + v.y * (float3)(b, 1.0f + n.y * n.y * a, -n.y) + v.z * n;
-}
-
-// The radiance of the pixel that w lies in; an arc tangent keeps its digits at the poles, an arc cosine does not.
-static inline float3 radiance_towards(const Light *light, float3 w)
-{
-    const float v = 2.0f * turns(sqrt(w.x * w.x + w.z * w.z), w.y);
-    const float u = turns(w.z, w.x);
-    const uint y = min((uint)(v * light->height), light->height - 1);
-    const uint x = min((uint)((u < 0.0f ? u + 1.0f : u) * light->width), light->width - 1);
-    return radiance_at(light, x, y);
-}
-
-// Malley's method: even over the disc, projected up to the hemisphere.
-static inline float3 bsdf_sample(const Light *light, float3 normal, uint2 u)
-{
-    const float r2 = u.x * FRACTION;
-    const float r = sqrt(r2), cosine = sqrt(1.0f - r2);
-    const float2 angle = sine_cosine(u.y);
-    const float3 w = from_frame(normal, (float3)(r * angle.y, r * angle.x, cosine));
-    const float3 L = radiance_towards(light, w);
+    uint x[BLOCK], y[BLOCK];
+    float cosine[BLOCK];
+    for (uint k = 0; k < BLOCK; ++k) {
+        const float r2 = u[k] * FRACTION;
+        const float r = sqrt(r2), c = sqrt(1.0f - r2);
+        float sine, cosine_of_angle;
+        sine_cosine(v[k], &sine, &cosine_of_angle);
+        const float p = r * cosine_of_angle, q = r * sine;
+        const float nx = n->x[k], ny = n->y[k], nz = n->z[k];
+        const float a = -1.0f / (1.0f + nz), b = nx * ny * a;
+        const float wx = p * (1.0f + nx * nx * a) + q * b + c * nx;
+        const float wy = p * b + q * (1.0f + ny * ny * a) + c * ny;
+        const float wz = c * nz - p * nx - q * ny;
+        const float theta = 2.0f * turns(sqrt(wx * wx + wz * wz), wy), phi = turns(wz, wx);
+        y[k] = min((uint)(theta * light->map.height), light->map.height - 1);
+        x[k] = min((uint)((phi < 0.0f ? phi + 1.0f : phi) * light->map.width), light->map.width - 1);
+        cosine[k] = c;
+    }
+    block3 L;
+    radiance_at(light, x, y, &L);
+    float weight[BLOCK];
+    for (uint k = 0; k < BLOCK; ++k) {
 #ifdef ESTIMATOR_MIS
-    const float ratio = density(light, L) / fmax(cosine, FLT_MIN);
-    return L * (light->k / (1.0f + ratio * ratio));
+        const float q = fmax(L.x[k] + L.y[k] + L.z[k] - light->offset, 0.0f) * light->k;
+        const float ratio = q / fmax(cosine[k], FLT_MIN);
+        weight[k] = light->k / (1.0f + ratio * ratio);
 #else
-    return L * light->k;
+        weight[k] = light->k;
 #endif
+    }
+    add_weighted(sum, &L, weight);
 }
 
 #endif
@@ -133,6 +192,12 @@ static inline float3 bsdf_sample(const Light *light, float3 normal, uint2 u)
 kernel void render(global const uint *restrict row_cdf,
                    global const uint *restrict marginal_cdf,
                    global const float *restrict radiance,
+                   global const guide_index *restrict marginal_guide,
+                   const uint marginal_shift,
+                   global const guide_index *restrict row_guide,
+                   const uint row_shift,
+                   global const uint *restrict row_total,
+                   global const uint *restrict records,
                    global const float2 *restrict theta,
                    global const float2 *restrict phi,
                    global const float *restrict edge,
@@ -140,33 +205,68 @@ kernel void render(global const uint *restrict row_cdf,
                    const uint height,
                    const float scale,
                    const float offset,
-                   const float k,
+                   const float k_light,
+                   global const uint2 *restrict disc,
+                   const uint pixel_count,
                    const uint2 seed,
                    const uint begin,
                    const uint end,
-                   global const uint2 *restrict disc,
                    const int resolution,
                    global float *restrict sum)
 {
-    const Light light = {row_cdf, marginal_cdf, radiance, theta, phi, edge, width, height, scale, offset, k};
-    const uint2 at = disc[get_global_id(0)];
-    const uint index = at.y * resolution + at.x;
-    const float3 normal = pixel_normal(at.x, at.y, resolution);
+#ifdef RECORDS
+    global const uint *pixels = records;
+#else
+    global const uint *pixels = row_cdf;
+#endif
+    const guided_map map = {marginal_cdf, marginal_guide, row_total,      row_guide, pixels,
+                            width,        height,         marginal_shift, row_shift};
+    const Light light = {map, radiance, theta, phi, edge, scale, offset, k_light};
 
-    float3 samples = 0.0f;
+    const uint first = get_global_id(0) * BLOCK;
+    uint index[BLOCK], zero[BLOCK], scramble_x[BLOCK], scramble_y[BLOCK];
+    block3 normal;
+    for (uint k = 0; k < BLOCK; ++k) {
+        const uint2 at = disc[min(first + k, pixel_count - 1)];
+        const float3 n = pixel_normal(at.x, at.y, resolution);
+        index[k] = at.y * resolution + at.x;
+        zero[k] = 0;
+        normal.x[k] = n.x;
+        normal.y[k] = n.y;
+        normal.z[k] = n.z;
+    }
+    random_block(zero, index, 1u, seed, scramble_x, scramble_y);
+#ifdef ESTIMATOR_MIS
+    uint second[BLOCK], second_x[BLOCK], second_y[BLOCK];
+    for (uint k = 0; k < BLOCK; ++k)
+        second[k] = index[k] | 0x80000000u;
+    random_block(zero, second, 1u, seed, second_x, second_y);
+#endif
+
+    block3 samples;
+    for (uint k = 0; k < BLOCK; ++k)
+        samples.x[k] = samples.y[k] = samples.z[k] = 0.0f;
     for (uint s = begin; s < end; ++s) {
-        const uint2 u = sequence_point(s, 0u, index, seed);
-#if defined(ESTIMATOR_LIGHT)
-        samples += light_sample(&light, normal, u);
-#elif defined(ESTIMATOR_BSDF)
-        samples += bsdf_sample(&light, normal, u);
-#elif defined(ESTIMATOR_MIS)
-        const uint2 second = sequence_point(s, 0u, index | 0x80000000u, seed);
-        samples += light_sample(&light, normal, u) + bsdf_sample(&light, normal, second);
+        uint u[BLOCK], v[BLOCK];
+        sequence_streams(s, index, seed, scramble_x, scramble_y, u, v);
+#ifdef ESTIMATOR_BSDF
+        bsdf_samples(&light, &normal, u, v, &samples);
+#else
+        light_samples(&light, &normal, u, v, &samples);
+#endif
+#ifdef ESTIMATOR_MIS
+        sequence_streams(s, second, seed, second_x, second_y, u, v);
+        bsdf_samples(&light, &normal, u, v, &samples);
 #endif
     }
-    float3 hi = vload3(2 * index, sum), lo = vload3(2 * index + 1, sum);
-    DOUBLE_WORD_ADD(float3, hi, lo, samples);
-    vstore3(hi, 2 * index, sum);
-    vstore3(lo, 2 * index + 1, sum);
+    for (uint k = 0; k < BLOCK; ++k) {
+        if (first + k >= pixel_count)
+            break;
+        const size_t at = 2 * (size_t)index[k];
+        float3 hi = vload3(at, sum), lo = vload3(at + 1, sum);
+        const float3 x = (float3)(samples.x[k], samples.y[k], samples.z[k]);
+        DOUBLE_WORD_ADD(float3, hi, lo, x);
+        vstore3(hi, at, sum);
+        vstore3(lo, at + 1, sum);
+    }
 }

@@ -38,10 +38,10 @@ kernel void render_product(global const uint *restrict tile_column_cdf,
                            const uint height,
                            const float scale,
                            const float inverse_total,
+                           global const uint2 *restrict disc,
                            const uint2 seed,
                            const uint begin,
                            const uint end,
-                           global const uint2 *restrict disc,
                            const int resolution,
                            global float *restrict sum)
 {

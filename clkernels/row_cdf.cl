@@ -11,8 +11,8 @@
 // cdf       height x width integers
 // row_sum   height double words
 //
-// One work-item a row, 16 pixels at a time: the first pass reads the map once and leaves the weights
-// in `cdf`, the second turns them into sums while they are still in the cache.
+// One work-item a row: the first pass reads the map once and leaves the weights in `cdf`, the others find their
+// sum and turn them into prefix sums while they are still in the cache.
 
 #include "prefix_sum.clh"
 
@@ -27,22 +27,20 @@ kernel void row_cdf(global const float *restrict radiance,
     radiance += y * width * 3;
     cdf += y * width;
 
+    for (size_t x = 0; x < width; ++x)
+        cdf[x] = as_uint(fmax(weight(radiance + 3 * x, scale) - offset, 0.0f));
+
     float16 hi = 0.0f, lo = 0.0f;
     const uint whole = width - width % LANES;
     for (uint x = 0; x < whole; x += LANES) {
-        const float16 f = fmax(weights(radiance + 3 * (size_t)x, scale) - offset, 0.0f);
-        DOUBLE_WORD_ADD(float16, hi, lo, f);
-        vstore16(as_uint16(f), 0, cdf + x);
+        const float16 f = as_float16(vload16(0, cdf + x));
+        COMPENSATED_ADD(float16, hi, lo, f);
     }
-
     float rest[LANES] = {0.0f};
-    for (uint x = whole; x < width; ++x) {
-        const float f = fmax(weight(radiance + 3 * (size_t)x, scale) - offset, 0.0f);
-        rest[x - whole] = f;
-        cdf[x] = as_uint(f);
-    }
+    for (uint x = whole; x < width; ++x)
+        rest[x - whole] = as_float(cdf[x]);
     const float16 f = vload16(0, rest);
-    DOUBLE_WORD_ADD(float16, hi, lo, f);
+    COMPENSATED_ADD(float16, hi, lo, f);
 
     const float2 sum = sum_of_lanes(hi, lo);
     row_sum[y] = sum;

@@ -6,12 +6,14 @@
 //
 // row_cdf, marginal_cdf   from row_cdf.cl and marginal_cdf.cl
 // radiance                height x width x 3
+// with GUIDED             searches begin at guide tables (guide.cl); with RECORDS pixels are read from records.cl's
 // theta, phi              (sin, cos) of every row and of every column
 // scale, inverse_total    powers and reciprocals that make p a probability
-// points                  (count, 2) fractions of 2^32 instead of count and seed
+// points                  (count, 2) fractions of 2^32 instead of the sequence
 //
-// One work-item a sample.
+// One work-item BLOCK samples, in short loops that compilers turn into vectors.
 
+#include "guided.clh"
 #ifndef SEQUENCE_GIVEN
 #include "sequence.clh"
 #endif
@@ -22,16 +24,24 @@
 kernel void sample(global const uint *restrict row_cdf,
                    global const uint *restrict marginal_cdf,
                    global const float *restrict radiance,
+#ifdef GUIDED
+                   global const guide_index *restrict marginal_guide,
+                   const uint marginal_shift,
+                   global const guide_index *restrict row_guide,
+                   const uint row_shift,
+                   global const uint *restrict row_total,
+                   global const uint *restrict records,
+#endif
                    global const float2 *restrict theta,
                    global const float2 *restrict phi,
                    const uint width,
                    const uint height,
                    const float scale,
                    const float inverse_total,
+                   const uint count,
 #ifdef SEQUENCE_GIVEN
                    global const uint2 *restrict points,
 #else
-                   const uint count,
                    const uint2 seed,
 #endif
                    global int *restrict pixel,
@@ -39,22 +49,76 @@ kernel void sample(global const uint *restrict row_cdf,
                    global float *restrict direction,
                    global float *restrict sample_radiance)
 {
-    const uint i = get_global_id(0);
+    const uint begin = get_global_id(0) * BLOCK, n = min((uint)BLOCK, count - begin);
+    uint across[BLOCK], down[BLOCK], x[BLOCK], y[BLOCK];
 #ifdef SEQUENCE_GIVEN
-    const uint2 u = points[i];
+    for (uint k = 0; k < n; ++k) {
+        across[k] = points[begin + k].x;
+        down[k] = points[begin + k].y;
+    }
 #else
-    const uint2 u = sequence_point(i, count, 0u, seed);
+    for (uint k = 0; k < BLOCK; ++k)
+        x[k] = begin + k;
+    sequence_block(x, count, 0u, seed, across, down);
 #endif
 
-    const uint y = invert_cdf(marginal_cdf, height, u.y);
-    const uint x = invert_cdf(row_cdf + (size_t)y * width, width, u.x);
+#ifdef GUIDED
+#ifdef RECORDS
+    global const uint *pixels = records;
+#else
+    global const uint *pixels = row_cdf;
+#endif
+    const guided_map map = {marginal_cdf, marginal_guide, row_total,      row_guide, pixels,
+                            width,        height,         marginal_shift, row_shift};
+    uint target_x[BLOCK], target_y[BLOCK];
+    pick_pixels(&map, across, down, n, x, y, target_x, target_y);
+#else
+    for (uint k = 0; k < n; ++k) {
+        y[k] = invert_cdf(marginal_cdf, height, down[k]);
+        x[k] = invert_cdf(row_cdf + (size_t)y[k] * width, width, across[k]);
+    }
+#endif
 
-    const float3 L = vload3((size_t)y * width + x, radiance);
-    const float2 t = theta[y], p = phi[x];
-    const float f = L.x * scale + L.y * scale + L.z * scale;
+    float red[BLOCK], green[BLOCK], blue[BLOCK];
+    float sin_theta[BLOCK], cos_theta[BLOCK], sin_phi[BLOCK], cos_phi[BLOCK];
+    for (uint k = 0; k < n; ++k) {
+        const size_t i = (size_t)y[k] * width + x[k];
+#ifdef RECORDS
+        const float3 L = as_float4(vload4(i, records)).yzw;
+#else
+        const float3 L = vload3(i, radiance);
+#endif
+        red[k] = L.x;
+        green[k] = L.y;
+        blue[k] = L.z;
+    }
+    for (uint k = 0; k < n; ++k) {
+        const float2 t = theta[y[k]], p = phi[x[k]];
+        sin_theta[k] = t.x;
+        cos_theta[k] = t.y;
+        sin_phi[k] = p.x;
+        cos_phi[k] = p.y;
+    }
 
-    vstore2((int2)(x, y), i, pixel);
-    probability[i] = f * (t.x * inverse_total);
-    vstore3((float3)(t.x * p.y, t.y, t.x * p.x), i, direction);
-    vstore3(L, i, sample_radiance);
+    for (uint k = 0; k < n; ++k) {
+        const size_t i = begin + k;
+        pixel[2 * i] = x[k];
+        pixel[2 * i + 1] = y[k];
+    }
+    for (uint k = 0; k < n; ++k) {
+        const float f = red[k] * scale + green[k] * scale + blue[k] * scale;
+        probability[begin + k] = f * (sin_theta[k] * inverse_total);
+    }
+    for (uint k = 0; k < n; ++k) {
+        const size_t i = begin + k;
+        direction[3 * i] = sin_theta[k] * cos_phi[k];
+        direction[3 * i + 1] = cos_theta[k];
+        direction[3 * i + 2] = sin_theta[k] * sin_phi[k];
+    }
+    for (uint k = 0; k < n; ++k) {
+        const size_t i = begin + k;
+        sample_radiance[3 * i] = red[k];
+        sample_radiance[3 * i + 1] = green[k];
+        sample_radiance[3 * i + 2] = blue[k];
+    }
 }

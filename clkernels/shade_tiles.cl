@@ -6,12 +6,14 @@
 // with axis . w >= margin lights all of it unclamped, and one with axis . w <= -margin none of it. The
 // unclamped ones need no work per pixel: their sum is n . M with the 3 x 3 matrix M = sum of w E^T
 // (Arvo's vector irradiance, 1994). Only lights near the tile's horizon are evaluated pixel by pixel. The
-// image is the brute-force one (shade.cl) up to rounding.
+// image is the brute-force one (shade.cl) up to rounding. Lights come sorted, so that groups of 16 lie close
+// together: of most groups all light the tile, or none, and their bounds and matrix are all that is looked at.
 //
-// tiles        (x, y) of each tile that meets the disc
-// lights       6 rows of stride floats: w_x, w_y, w_z, and E = albedo / pi x flux in red, green, blue;
-//              stride is a multiple of 16, the lights past the last one are zero
-// image        resolution x resolution x 3, zeroed; pixels outside the disc are left alone
+// tiles           (x, y) of each tile that meets the disc
+// lights          6 rows of stride floats: w_x, w_y, w_z, and E = albedo / pi x flux in red, green, blue;
+//                 stride is a multiple of 16, E of the lights past the last one is zero
+// bounds, groups  of groups of 16 lights, see light_groups.cl
+// image           resolution x resolution x 3, zeroed; pixels outside the disc are left alone
 //
 // One work-item a tile of 16 x ROWS pixels (ROWS even): vectors of 16 lights to classify and sum, vectors
 // of 16 pixels to evaluate.
@@ -48,9 +50,9 @@ static inline void add_to(private wide *sum, float16 x)
     DOUBLE_WORD_ADD(float16, sum->hi, sum->lo, x);
 }
 
-// Evaluate the listed lights on two rows of the tile, pixel by pixel.
+// What the listed lights send to two rows of the tile, pixel by pixel: red, green, blue of one, then of the other.
 static inline void evaluate(private const uint *list, uint n, global const float *lights, size_t stride,
-                            float16 nx, float2 ny, private const float16 *nz, private wide *sum)
+                            float16 nx, float2 ny, private const float16 *nz, private float16 *rgb)
 {
     float16 r0 = 0.0f, g0 = 0.0f, b0 = 0.0f, r1 = 0.0f, g1 = 0.0f, b1 = 0.0f;
     for (uint i = 0; i < n; ++i) {
@@ -68,17 +70,41 @@ static inline void evaluate(private const uint *list, uint n, global const float
         g1 = FMA(c1, green, g1);
         b1 = FMA(c1, blue, b1);
     }
-    add_to(sum + 0, r0);
-    add_to(sum + 1, g0);
-    add_to(sum + 2, b0);
-    add_to(sum + 3, r1);
-    add_to(sum + 4, g1);
-    add_to(sum + 5, b1);
+    rgb[0] = r0;
+    rgb[1] = g0;
+    rgb[2] = b0;
+    rgb[3] = r1;
+    rgb[4] = g1;
+    rgb[5] = b1;
+}
+
+// A row of the tile; outside the disc nothing is written. The disc is convex: between two pixels inside all are.
+static inline void store_row(float16 red, float16 green, float16 blue, int16 c2, global float *image)
+{
+    float r[PIXELS], g[PIXELS], b[PIXELS];
+    vstore16(red, 0, r);
+    vstore16(green, 0, g);
+    vstore16(blue, 0, b);
+    if (c2.s0 > 0 && c2.sf > 0) {
+        for (int k = 0; k < PIXELS; ++k) {
+            image[3 * k] = r[k];
+            image[3 * k + 1] = g[k];
+            image[3 * k + 2] = b[k];
+        }
+        return;
+    }
+    int inside[PIXELS];
+    vstore16(c2, 0, inside);
+    for (int k = 0; k < PIXELS; ++k)
+        if (inside[k] > 0)
+            vstore3((float3)(r[k], g[k], b[k]), k, image);
 }
 
 kernel void shade_tiles(global const uint2 *restrict tiles,
                         global const float *restrict lights,
                         const uint stride,
+                        global const float4 *restrict bounds,
+                        global const float *restrict groups,
                         const int resolution,
                         global float *restrict image)
 {
@@ -113,54 +139,68 @@ kernel void shade_tiles(global const uint2 *restrict tiles,
     // |n . w - axis . w| <= |n - axis|; the rest covers what rounding adds.
     const float margin = sqrt(max16(chord2)) * 1.00001f + 1e-6f;
 
-    wide sum[ROWS * 3];
-    for (int k = 0; k < ROWS * 3; ++k)
-        sum[k].hi = sum[k].lo = 0.0f;
-    wide matrix[9];
-    for (int k = 0; k < 9; ++k)
-        matrix[k].hi = matrix[k].lo = 0.0f;
+    // Lights near the horizon wait in a list. Should it fill, they are evaluated, and sums kept by pixel.
     uint list[LIST + PIXELS];
     uint n = 0;
+    bool spilled = false;
+    wide sum[ROWS * 3];
+    wide matrix[9];  // of lights, by lane
+    for (int k = 0; k < 9; ++k)
+        matrix[k].hi = matrix[k].lo = 0.0f;
+    wide whole;      // of groups
+    whole.hi = whole.lo = 0.0f;
 
     for (uint begin = 0; begin < stride; begin += VECTORS_A_BLOCK * PIXELS) {
         const uint end = min(begin + VECTORS_A_BLOCK * PIXELS, stride);
         float16 m0 = 0.0f, m1 = 0.0f, m2 = 0.0f, m3 = 0.0f, m4 = 0.0f, m5 = 0.0f, m6 = 0.0f, m7 = 0.0f, m8 = 0.0f;
+        float16 m = 0.0f;
         for (uint i = begin; i < end; i += PIXELS) {
+            const float4 bound = bounds[i / PIXELS];
+            const float about = axis.x * bound.x + axis.y * bound.y + axis.z * bound.z, reach = margin + bound.w;
+            if (about <= -reach)
+                continue;
+            if (about >= reach) {
+                m += vload16(i / PIXELS, groups);
+                continue;
+            }
             global const float *light = lights + i;
             const float16 wx = vload16(0, light), wy = vload16(0, light + stride);
             const float16 wz = vload16(0, light + 2 * (size_t)stride);
             const float16 d = FMA(wz, (float16)(axis.z), FMA(wy, (float16)(axis.y), wx * axis.x));
             const int16 lit = d >= margin;
-            if (any(lit)) {
-                const float16 zero = 0.0f;
-                const float16 red = select(zero, vload16(0, light + 3 * (size_t)stride), lit);
-                const float16 green = select(zero, vload16(0, light + 4 * (size_t)stride), lit);
-                const float16 blue = select(zero, vload16(0, light + 5 * (size_t)stride), lit);
-                m0 = FMA(wx, red, m0);
-                m1 = FMA(wy, red, m1);
-                m2 = FMA(wz, red, m2);
-                m3 = FMA(wx, green, m3);
-                m4 = FMA(wy, green, m4);
-                m5 = FMA(wz, green, m5);
-                m6 = FMA(wx, blue, m6);
-                m7 = FMA(wy, blue, m7);
-                m8 = FMA(wz, blue, m8);
+            const float16 zero = 0.0f;
+            const float16 red = select(zero, vload16(0, light + 3 * (size_t)stride), lit);
+            const float16 green = select(zero, vload16(0, light + 4 * (size_t)stride), lit);
+            const float16 blue = select(zero, vload16(0, light + 5 * (size_t)stride), lit);
+            m0 = FMA(wx, red, m0);
+            m1 = FMA(wy, red, m1);
+            m2 = FMA(wz, red, m2);
+            m3 = FMA(wx, green, m3);
+            m4 = FMA(wy, green, m4);
+            m5 = FMA(wz, green, m5);
+            m6 = FMA(wx, blue, m6);
+            m7 = FMA(wy, blue, m7);
+            m8 = FMA(wz, blue, m8);
+            int near[PIXELS];
+            vstore16(fabs(d) < margin, 0, near);
+            for (uint k = 0; k < PIXELS; ++k) {
+                list[n] = i + k;
+                n -= near[k];  // true is -1 in a vector
             }
-            const int16 near = fabs(d) < margin;
-            if (any(near)) {
-                int flags[PIXELS];
-                vstore16(near, 0, flags);
-                for (uint k = 0; k < PIXELS; ++k) {
-                    list[n] = i + k;
-                    n -= flags[k];  // true is -1 in a vector
+            if (n >= LIST) {
+                for (int k = 0; !spilled && k < ROWS * 3; ++k)
+                    sum[k].hi = sum[k].lo = 0.0f;
+                spilled = true;
+                for (int j = 0; j < ROWS; j += 2) {
+                    float16 rgb[6];
+                    evaluate(list, n, lights, stride, nx, ny[j / 2], nz + j, rgb);
+                    for (int k = 0; k < 6; ++k)
+                        add_to(sum + 3 * j + k, rgb[k]);
                 }
-                if (n >= LIST) {
-                    for (int j = 0; j < ROWS; j += 2)
-                        evaluate(list, n, lights, stride, nx, ny[j / 2], nz + j, sum + 3 * j);
-                    n = 0;
-                }
+                n = 0;
             }
         }
+        add_to(&whole, m);
         add_to(matrix + 0, m0);
         add_to(matrix + 1, m1);
         add_to(matrix + 2, m2);
@@ -171,24 +211,24 @@ kernel void shade_tiles(global const uint2 *restrict tiles,
         add_to(matrix + 7, m7);
         add_to(matrix + 8, m8);
     }
-    for (int j = 0; j < ROWS; j += 2)
-        evaluate(list, n, lights, stride, nx, ny[j / 2], nz + j, sum + 3 * j);
 
+    const float16 w = whole.hi + whole.lo;
+    const float of_groups[9] = {w.s0, w.s4, w.s8, w.s1, w.s5, w.s9, w.s2, w.s6, w.sa};
     float m[9];
     for (int k = 0; k < 9; ++k)
-        m[k] = sum16(matrix[k].hi) + sum16(matrix[k].lo);
+        m[k] = of_groups[k] + (sum16(matrix[k].hi) + sum16(matrix[k].lo));
+    float16 rgb[6];
     for (int j = 0; j < ROWS; ++j) {
+        if (j % 2 == 0)
+            evaluate(list, n, lights, stride, nx, ny[j / 2], nz + j, rgb);
+        float16 row[3];
         const float y = j % 2 ? ny[j / 2].y : ny[j / 2].x;
-        float rgb[3][PIXELS];
-        int inside[PIXELS];
         for (int c = 0; c < 3; ++c) {
-            const float16 linear = FMA(nx, (float16)(m[3 * c]), FMA(nz[j], (float16)(m[3 * c + 2]), (float16)(y * m[3 * c + 1])));
-            vstore16(linear + sum[3 * j + c].hi, 0, rgb[c]);
+            row[c] = FMA(nx, (float16)(m[3 * c]), FMA(nz[j], (float16)(m[3 * c + 2]), (float16)(y * m[3 * c + 1])));
+            row[c] += rgb[j % 2 * 3 + c];
+            if (spilled)
+                row[c] += sum[3 * j + c].hi + sum[3 * j + c].lo;
         }
-        vstore16(c2[j], 0, inside);
-        for (int k = 0; k < PIXELS; ++k)
-            if (inside[k] > 0)
-                vstore3((float3)(rgb[0][k], rgb[1][k], rgb[2][k]),
-                        (tile.y + j) * (size_t)resolution + tile.x + k, image);
+        store_row(row[0], row[1], row[2], c2[j], image + 3 * ((tile.y + j) * (size_t)resolution + tile.x));
     }
 }

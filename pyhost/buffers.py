@@ -11,6 +11,8 @@ import pyopencl as cl
 from .device import Device
 from .errors import LightdomeError
 
+CACHE_LINE = 64  # bytes
+
 
 @dataclass(frozen=True)
 class DeviceArray:
@@ -42,8 +44,16 @@ def empty(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceAr
     kind = np.dtype(dtype)
     size = math.prod(shape) * kind.itemsize
     _check_room(device, size)
-    host = np.empty(shape, kind) if device.shares_host_memory else None
+    host = _aligned(shape, kind) if device.shares_host_memory else None
     return DeviceArray(_buffer(device, cl.mem_flags.READ_WRITE, size, host), shape, kind, host)
+
+
+def _aligned(shape: tuple[int, ...], kind: np.dtype) -> np.ndarray:
+    """An empty array that begins at a cache line, as vectors of 16 must."""
+    size = math.prod(shape) * kind.itemsize
+    memory = np.empty(size + CACHE_LINE, np.uint8)
+    start = -memory.ctypes.data % CACHE_LINE
+    return memory[start : start + size].view(kind).reshape(shape)
 
 
 # No index overflows before a buffer is refused here, or by the host. Kernels count columns, rows and lights in 32 bits:

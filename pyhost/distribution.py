@@ -10,18 +10,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+import pyopencl as cl
 
 from . import __version__, buffers
 from .buffers import DeviceArray
 from .device import Device
 from .envmap import EnvironmentMap, column_angles, row_angles, solid_angles
 from .errors import LightdomeError
+from .guide import Guide, build_guide
 from .progress import Progress
 from .samples import SEQUENCES, Samples
 
-SAMPLES_A_LAUNCH = 2**20  # between two updates of the progress line
+SAMPLES_A_LAUNCH = 2**22  # between two updates of the progress line
+SAMPLES_A_BLOCK = 256  # that a work-item of a CPU draws side by side
+SAMPLES_A_PIXEL = 1 / 16  # of the map, from which on a guide pays for itself
 BLACK = "the map is black everywhere, so there is no light to sample; use another map"
 
 
@@ -62,9 +67,7 @@ class Distribution:
             raise LightdomeError(f"unknown sequence {sequence!r}; there is {', '.join(SEQUENCES)}")
         if not 0 < count < 2**31:
             raise LightdomeError(f"cannot draw {count} samples; ask for 1 to 2147483647")
-        return self._sample(
-            count, (np.uint32(count), philox_key(seed)), {f"SEQUENCE_{sequence.upper()}": 1}, sequence, seed
-        )
+        return self._sample(count, philox_key(seed), {f"SEQUENCE_{sequence.upper()}": 1}, sequence, seed)
 
     def sample_at(self, points: np.ndarray) -> Samples:
         """The samples at given ``points``, (N, 2) in [0, 1): column 0 picks x within a row, column 1 picks y.
@@ -77,11 +80,16 @@ class Distribution:
         if not ((points >= 0) & (points < 1)).all():
             raise LightdomeError("points lie in [0, 1)")
         bits = np.floor(points * 2.0**32).astype(np.uint32)
-        given = (buffers.upload(self.device, bits).buffer,)
+        given = buffers.upload(self.device, bits).buffer
         return self._sample(len(bits), given, {"SEQUENCE_GIVEN": 1}, "given", 0)
 
+    @cached_property
+    def guide(self) -> Guide:
+        """Tables that speed up the search for many samples, built when first asked for."""
+        return build_guide(self.device, self.radiance, self.row_cdf, self.marginal_cdf)
+
     def _sample(
-        self, count: int, points: tuple[object, ...], defines: dict[str, int], sequence: str, seed: int
+        self, count: int, points: np.ndarray | cl.Buffer, defines: dict[str, int], sequence: str, seed: int
     ) -> Samples:
         if self.total == 0:
             raise LightdomeError(BLACK)
@@ -90,23 +98,30 @@ class Distribution:
         probability = buffers.empty(device, count, np.float32)
         direction = buffers.empty(device, (count, 3), np.float32)
         radiance = buffers.empty(device, (count, 3), np.float32)
-        kernel = device.kernel("sample", **defines)
+        guided: tuple[object, ...] = ()
+        if count >= self.envmap.width * self.envmap.height * SAMPLES_A_PIXEL:
+            guided, defines = self.guide.arguments, defines | self.guide.defines
+        block = 1 if device.is_gpu else SAMPLES_A_BLOCK
+        kernel = device.kernel("sample", BLOCK=block, **defines)
+        blocks, step = -(-count // block), max(1, SAMPLES_A_LAUNCH // block)
         with Progress("sampling") as progress:
-            for begin in range(0, count, SAMPLES_A_LAUNCH):
+            for begin in range(0, blocks, step):
                 event = kernel(
                     device.queue,
-                    (min(SAMPLES_A_LAUNCH, count - begin),),
-                    None,
+                    (min(step, blocks - begin),),
+                    None if block == 1 else (1,),
                     self.row_cdf.buffer,
                     self.marginal_cdf.buffer,
                     self.radiance.buffer,
+                    *guided,
                     self.theta.buffer,
                     self.phi.buffer,
                     np.uint32(self.envmap.width),
                     np.uint32(self.envmap.height),
                     np.float32(self.scale),
                     np.float32(1 / self.total),
-                    *points,
+                    np.uint32(count),
+                    points,
                     pixel.buffer,
                     probability.buffer,
                     direction.buffer,
@@ -114,9 +129,9 @@ class Distribution:
                     global_offset=(begin,),
                 )
                 device.profile.record("search", event)
-                if count > SAMPLES_A_LAUNCH:
+                if blocks > step:
                     event.wait()
-                    progress.update(min(1.0, (begin + SAMPLES_A_LAUNCH) / count))
+                    progress.update(min(1.0, (begin + step) / blocks))
         return Samples(
             direction=buffers.download(device, direction),
             radiance=buffers.download(device, radiance),
@@ -140,8 +155,8 @@ def build_distribution(device: Device, envmap: EnvironmentMap) -> Distribution:
     """Build the CDF of every row and the CDF over rows of ``envmap`` on ``device``."""
     height, width = envmap.height, envmap.width
     radiance = buffers.upload(device, envmap.radiance)
-    theta = buffers.upload(device, _sine_cosine(row_angles(height)))
-    phi = buffers.upload(device, _sine_cosine(column_angles(width)))
+    theta = buffers.upload(device, sine_cosine(row_angles(height)))
+    phi = buffers.upload(device, sine_cosine(column_angles(width)))
     scale = range_scale(envmap.peak)
     row_cdf, marginal_cdf, total = build_cdfs(device, radiance, scale)
     return Distribution(
@@ -193,7 +208,7 @@ def build_cdfs(
     return row_cdf, marginal_cdf, float(buffers.download(device, total).astype(np.float64).sum())
 
 
-def _sine_cosine(angle: np.ndarray) -> np.ndarray:
+def sine_cosine(angle: np.ndarray) -> np.ndarray:
     # Tables from the host: sin and cos differ between devices in the last digits, and samples may not.
     return np.stack([np.sin(angle), np.cos(angle)], axis=1).astype(np.float32)
 

@@ -31,6 +31,7 @@ from .distribution import Distribution, build_cdfs, philox_key
 from .envmap import row_angles
 from .errors import LightdomeError
 from .float_range import to_float32
+from .guide import build_guide
 from .product import ProductCDFs, build_product_cdfs
 from .progress import Progress
 
@@ -87,21 +88,20 @@ def render(
     defines = {f"SEQUENCE_{sequence.upper()}": 1}
     if estimator == "product":
         cdfs = build_product_cdfs(distribution, resolution)
-        launch = _product_launch(distribution, cdfs, len(disc), defines)
-        flux = 3 * distribution.flux
         # Pixels of a tile next to each other: they share its CDFs.
         disc = disc[np.lexsort(disc.T // cdfs.tile_size)]
+        launch = _product_launch(distribution, cdfs, disc, defines)
+        flux = 3 * distribution.flux
     else:
         defines[f"ESTIMATOR_{estimator.upper()}"] = 1
-        launch, flux = _launch(distribution, mis_compensation, len(disc), defines)
-    pixels = buffers.upload(device, disc)
+        launch, flux = _launch(distribution, mis_compensation, disc, defines)
     step = min(max(1, SAMPLES_A_LAUNCH // len(disc)), SAMPLES_A_SUM)
     done = 0
     with Progress("rendering") as progress:
         for target in sorted(set(spp)):
             while done < target:
                 end = min(done + step, target)
-                event = launch(key, np.uint32(done), np.uint32(end), pixels.buffer, np.int32(resolution), total.buffer)
+                event = launch(key, np.uint32(done), np.uint32(end), np.int32(resolution), total.buffer)
                 device.profile.record("render", event).wait()
                 done = end
                 progress.update(done / max(spp))
@@ -111,28 +111,32 @@ def render(
 
 
 def _launch(
-    distribution: Distribution, mis_compensation: bool, pixels: int, defines: dict[str, int]
+    distribution: Distribution, mis_compensation: bool, disc: np.ndarray, defines: dict[str, int]
 ) -> tuple[Callable[..., cl.Event], float]:
     """The kernel ``render``, given all but its last arguments, and the flux of R + G + B that it samples."""
     device, envmap, scale = distribution.device, distribution.envmap, distribution.scale
     row_cdf, marginal_cdf, total = distribution.row_cdf, distribution.marginal_cdf, distribution.total
-    offset = 0.0
+    guide, offset = None, 0.0
     if mis_compensation:
         mean = float(np.float32(total / np.sin(row_angles(envmap.height)).sum() / envmap.width))
         compensated = build_cdfs(device, distribution.radiance, scale, mean)
         if compensated[2] > 0:  # else the map is the same all over: there is nothing above its mean
             row_cdf, marginal_cdf, total = compensated
             offset = mean
+            guide = build_guide(device, distribution.radiance, row_cdf, marginal_cdf)
     flux = 3 * distribution.flux * (total / distribution.total)
+    guide = guide or distribution.guide
     edge = np.cos(np.pi / envmap.height * np.arange(envmap.height + 1)).astype(np.float32)
+    block = device.vector_width
     launch = partial(
-        device.kernel("render", **defines),
+        device.kernel("render", BLOCK=block, **defines, **guide.defines),
         device.queue,
-        (pixels,),
-        None,
+        (-(-len(disc) // block),),
+        None if block == 1 else (1,),
         row_cdf.buffer,
         marginal_cdf.buffer,
         distribution.radiance.buffer,
+        *guide.arguments,
         distribution.theta.buffer,
         distribution.phi.buffer,
         buffers.upload(device, edge).buffer,
@@ -141,19 +145,21 @@ def _launch(
         np.float32(scale),
         np.float32(offset),
         np.float32(np.pi / (flux * scale)),
+        buffers.upload(device, disc).buffer,
+        np.uint32(len(disc)),
     )
     return launch, flux
 
 
 def _product_launch(
-    distribution: Distribution, cdfs: ProductCDFs, pixels: int, defines: dict[str, int]
+    distribution: Distribution, cdfs: ProductCDFs, disc: np.ndarray, defines: dict[str, int]
 ) -> Callable[..., cl.Event]:
     """The kernel ``render_product``, given all but its last arguments."""
     device, envmap = distribution.device, distribution.envmap
     return partial(
         device.kernel("render_product", **defines),
         device.queue,
-        (pixels,),
+        (len(disc),),
         None,
         cdfs.tile_column_cdf.buffer,
         cdfs.tile_row_cdf.buffer,
@@ -173,4 +179,5 @@ def _product_launch(
         np.uint32(envmap.height),
         np.float32(distribution.scale),
         np.float32(1 / distribution.total),
+        buffers.upload(device, disc).buffer,
     )

@@ -10,9 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from . import __version__, buffers
+from .buffers import DeviceArray
 from .cache import key_of, remembered
 from .device import Device
 from .disc import check_resolution, disc_tiles
+from .distribution import range_scale, sine_cosine
 from .envmap import EnvironmentMap, column_angles, row_angles, solid_angles
 from .float_range import light_exponent, to_float32
 from .progress import Progress
@@ -21,6 +23,7 @@ from .samples import Samples
 LANES = 16  # pixels across a tile, and lights in a vector, see clkernels/shade_tiles.cl
 TILE_ROWS = 16
 PAIRS_A_LAUNCH = 2**33  # pixels x lights between two updates of the progress line
+ARCS_BYTES = 2**22  # prefix sums of a band of map rows that the image is summed from: about a second-level cache
 
 
 def shade(
@@ -42,25 +45,26 @@ def shade(
     Raises :class:`LightdomeError` for a resolution outside 1 to 16384.
     """
     check_resolution(resolution)
-    light = np.zeros((6, -(-len(direction) // LANES) * LANES), np.float32)
-    light[:3, : len(direction)] = np.transpose(direction)
-    reflected = np.transpose(np.asarray(flux, np.float64)) * (albedo / np.pi)
-    exponent = light_exponent(reflected.sum(axis=1).max())
-    light[3:, : len(direction)] = np.ldexp(reflected, -exponent) if exponent else reflected
+    reflected = np.asarray(flux, np.float64) * (albedo / np.pi)
+    exponent = light_exponent(reflected.sum(axis=0).max())
+    if exponent:
+        reflected = np.ldexp(reflected, -exponent)
+    light = np.concatenate([direction, reflected], axis=1, dtype=np.float32, casting="same_kind")
     # One place decides: a CPU skips pairs of pixel and light tile by tile, a GPU has a pixel a work-item.
     if brute_force or device.is_gpu:
         pixels, rows = device.vector_width, 1
-        light = np.ascontiguousarray(light[:, : len(direction)].T)
         kernel = device.kernel("shade", PIXELS=pixels, ROWS=rows)
+        lights = (buffers.upload(device, light), np.uint32(len(light)))
     else:
         pixels, rows = LANES, TILE_ROWS
         kernel = device.kernel("shade_tiles", ROWS=rows)
+        lights = _grouped(device, light)
+    arguments = tuple(a.buffer if isinstance(a, DeviceArray) else a for a in lights)
     tiles = disc_tiles(resolution, pixels, rows)
     image = buffers.zeros(device, (resolution, resolution, 3), np.float32)
     tile_buffer = buffers.upload(device, tiles)
-    light_buffer = buffers.upload(device, light)
 
-    step = max(1, PAIRS_A_LAUNCH // (light.size // 6 * pixels * rows))
+    step = max(1, PAIRS_A_LAUNCH // (len(light) * pixels * rows))
     with Progress("shading the sphere") as progress:
         for begin in range(0, len(tiles), step):
             count = min(step, len(tiles) - begin)
@@ -69,8 +73,7 @@ def shade(
                 (count,),
                 None if pixels == 1 else (1,),
                 tile_buffer.buffer,
-                light_buffer.buffer,
-                np.uint32(light.size // 6),
+                *arguments,
                 np.int32(resolution),
                 image.buffer,
                 global_offset=(begin,),
@@ -81,6 +84,41 @@ def shade(
                 progress.update((begin + count) / len(tiles))
     result = buffers.download(device, image)
     return to_float32(result, exponent) if exponent else result
+
+
+def _grouped(device: Device, light: np.ndarray) -> tuple[DeviceArray | np.uint32, ...]:
+    """Lights (N, 6) as ``shade_tiles.cl`` takes them: sorted by place, with the bounds and matrices of groups."""
+    order = np.argsort(_places(light[:, :3]))
+    count = -(-len(light) // LANES) * LANES
+    rows = np.zeros((6, count), np.float32)
+    rows[:, : len(light)] = light[order].T
+    rows[:3, len(light) :] = light[order[-1], :3, None]  # no light, but where the last one is
+    lights = buffers.upload(device, rows)
+    bounds = buffers.empty(device, (count // LANES, 4), np.float32)
+    groups = buffers.empty(device, (count // LANES, 16), np.float32)
+    event = device.kernel("light_groups")(
+        device.queue, (count // LANES,), None, lights.buffer, np.uint32(count), bounds.buffer, groups.buffer
+    )
+    device.profile.record("light groups", event)
+    return lights, np.uint32(count), bounds, groups
+
+
+def _places(direction: np.ndarray) -> np.ndarray:
+    """Keys (N,) that sort directions (N, 3) along a curve through an octahedral map: neighbours stay together."""
+    flat = direction / np.abs(direction).sum(axis=1, keepdims=True)
+    x, y, up = flat[:, 0], flat[:, 2], flat[:, 1]
+    folded = up < 0
+    x, y = (
+        np.where(folded, (1 - np.abs(y)) * np.copysign(1, x), x),
+        np.where(folded, (1 - np.abs(x)) * np.copysign(1, y), y),
+    )
+    key = np.zeros(len(direction), np.uint32)
+    for shift, axis in ((0, x), (1, y)):
+        bits = ((axis + 1) * 511.5).astype(np.uint32)
+        for step, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
+            bits = (bits | bits << np.uint32(step)) & np.uint32(mask)
+        key |= bits << np.uint32(shift)
+    return key
 
 
 def shade_samples(device: Device, samples: Samples, resolution: int = 511, albedo: float = 1.0) -> np.ndarray:
@@ -105,16 +143,65 @@ def exact_kept(device: Device, envmap: EnvironmentMap, resolution: int = 511) ->
 def exact(device: Device, envmap: EnvironmentMap, resolution: int = 511, albedo: float = 1.0) -> np.ndarray:
     """The image that every estimator converges to: each pixel of the map once, weighted by its solid angle.
 
-    See :func:`shade` for the image and the errors raised.
+    Takes time in proportion to R^2 H and to the map's pixels, not to their product. See :func:`shade` for the
+    image and the errors raised. Kernels: ``arc_sums.cl``, ``exact.cl``.
     """
+    check_resolution(resolution)
     height, width = envmap.height, envmap.width
-    theta, phi = row_angles(height)[:, None], column_angles(width)
-    direction = np.empty((height, width, 3), np.float32)
-    direction[..., 0] = np.sin(theta) * np.cos(phi)
-    direction[..., 1] = np.cos(theta)
-    direction[..., 2] = np.sin(theta) * np.sin(phi)
-    flux = envmap.radiance * solid_angles(height, width)[:, None, None]
-    lit = envmap.radiance.any(axis=2)
-    if not lit.any():
-        return np.zeros((resolution, resolution, 3), np.float32)
-    return shade(device, direction[lit], flux[lit], resolution, albedo)
+    scale = range_scale(envmap.peak)
+    theta, phi = row_angles(height), column_angles(width)
+    pixels = device.vector_width
+    radiance = buffers.upload(device, envmap.radiance)
+    rows, columns = (buffers.upload(device, sine_cosine(angle)) for angle in (theta, phi))
+    weight = buffers.upload(device, (scale / np.pi * solid_angles(height, width)).astype(np.float32))
+    half_arc = buffers.upload(device, _half_arcs(theta, width, resolution))
+    tiles = disc_tiles(resolution, pixels, 1)
+    tile_buffer = buffers.upload(device, tiles)
+    line = (width + 1) // 2 + width + 1
+    band = max(2, min(height, ARCS_BYTES // (128 * line)))
+    arcs = buffers.empty(device, (band, line, 2, 16), np.float32)
+    total = buffers.zeros(device, (resolution, resolution, 2, 3), np.float32)
+
+    sums, kernel = device.kernel("arc_sums"), device.kernel("exact", PIXELS=pixels)
+    with Progress("summing the map") as progress:
+        for first in range(0, height, band):
+            count = min(band, height - first)
+            event = sums(
+                device.queue,
+                (count,),
+                (1,),
+                radiance.buffer,
+                rows.buffer,
+                columns.buffer,
+                weight.buffer,
+                np.uint32(width),
+                np.uint32(first),
+                arcs.buffer,
+            )
+            device.profile.record("arc sums", event)
+            event = kernel(
+                device.queue,
+                (len(tiles),),
+                None if pixels == 1 else (1,),
+                arcs.buffer,
+                half_arc.buffer,
+                np.uint32(width),
+                np.uint32(height),
+                np.uint32(first),
+                np.uint32(count),
+                np.int32(resolution),
+                tile_buffer.buffer,
+                total.buffer,
+            )
+            device.profile.record("exact", event)
+            event.wait()
+            progress.update((first + count) / height)
+    image = buffers.download(device, total).sum(axis=2, dtype=np.float64)
+    return to_float32(image * (albedo / scale))
+
+
+def _half_arcs(theta: np.ndarray, width: int, resolution: int) -> np.ndarray:
+    """Half the arc of each map row above the horizon of an image row's normals, in columns: (R, H) float32."""
+    n_y = (resolution - 2.0 * np.arange(resolution) - 1) / resolution
+    q = -(n_y / np.sqrt(1 - n_y**2))[:, None] / np.tan(theta)
+    return (np.arccos(np.clip(q, -1, 1)) * (width / (2 * np.pi))).astype(np.float32)

@@ -24,6 +24,7 @@ import numpy as np
 import pyopencl as cl
 from conftest import stiff_radiance
 from lightdome import buffers
+from lightdome import distribution as distribution_module
 from lightdome.buffers import DeviceArray
 from lightdome.device import Device
 from lightdome.distribution import Distribution, build_distribution
@@ -34,7 +35,7 @@ from lightdome.programs import Programs
 from lightdome.render import ESTIMATORS, render
 from lightdome.render import SEQUENCES as RENDER_SEQUENCES
 from lightdome.samples import SEQUENCES
-from lightdome.sphere import shade
+from lightdome.sphere import exact, shade
 
 SHAPES = ((7, 5), (3, 33))
 RESOLUTIONS = (1, 17)
@@ -125,6 +126,7 @@ def run_all() -> None:
         for resolution in RESOLUTIONS:
             light(distribution, resolution, brute_force=False)
             light(distribution, resolution, brute_force=True)
+            exact(distribution.device, distribution.envmap, resolution)
             shade_harmonics(distribution.device, project(distribution.device, distribution.envmap, 3), resolution)
             draw_images(distribution, resolution, ESTIMATORS)
         ran |= distribution.device.ran
@@ -155,9 +157,11 @@ def distributions() -> Iterator[Distribution]:
 
 
 def draw(distribution: Distribution) -> None:
-    for sequence in SEQUENCES:
-        distribution.sample(19, 1, sequence)
-    distribution.sample_at(np.array([(0, 0), (1 - 2.0**-32, 1 - 2.0**-32), (0.5, 0.25)]))
+    for guided_from in (0, np.inf):
+        distribution_module.SAMPLES_A_PIXEL = guided_from
+        for sequence in SEQUENCES:
+            distribution.sample(19, 1, sequence)
+        distribution.sample_at(np.array([(0, 0), (1 - 2.0**-32, 1 - 2.0**-32), (0.5, 0.25)]))
 
 
 def light(distribution: Distribution, resolution: int, brute_force: bool) -> None:
@@ -169,6 +173,7 @@ def draw_images(distribution: Distribution, resolution: int, estimators: tuple[s
     for estimator in estimators:
         for sequence in RENDER_SEQUENCES:
             list(render(distribution, [2, 3], resolution, estimator=estimator, sequence=sequence))
+    list(render(distribution, [2], resolution, estimator="mis", mis_compensation=True))
 
 
 if __name__ == "__main__":

@@ -15,7 +15,16 @@ pytestmark = pytest.mark.filterwarnings("ignore::pyopencl.CompilerWarning")
 KERNELS = """
 kernel void sines(global const uint *u, global float2 *result)
 {
-    result[get_global_id(0)] = sine_cosine(u[get_global_id(0)]);
+    float sine, cosine;
+    sine_cosine(u[get_global_id(0)], &sine, &cosine);
+    result[get_global_id(0)] = (float2)(sine, cosine);
+}
+
+kernel void sines_of_turns(global const float *t, global float2 *result)
+{
+    float sine, cosine;
+    sine_cosine_of_turns(t[get_global_id(0)], &sine, &cosine);
+    result[get_global_id(0)] = (float2)(sine, cosine);
 }
 
 kernel void angles(global const float2 *v, global float *result)
@@ -37,6 +46,13 @@ def test_sines_of_all_parts_of_a_turn(device: Device) -> None:
     u = np.concatenate([u, np.arange(0, 2**32, 2**28, dtype=np.uint32), np.array([2**32 - 1], np.uint32)])
     angle = 2 * np.pi * u.astype(np.float64) / 2**32
     np.testing.assert_allclose(run(device, "sines", u, 2), np.stack([np.sin(angle), np.cos(angle)], axis=1), atol=2e-7)
+
+
+def test_sines_of_turns(device: Device) -> None:
+    t = np.linspace(0, 1, 100_003, dtype=np.float32)
+    angle = 2 * np.pi * t.astype(np.float64)
+    expected = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    np.testing.assert_allclose(run(device, "sines_of_turns", t, 2), expected, atol=2e-7)
 
 
 def test_angles_of_all_directions(device: Device) -> None:

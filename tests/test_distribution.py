@@ -7,6 +7,7 @@ import pytest
 from conftest import stiff_radiance
 from lightdome import buffers, reference
 from lightdome import distribution as distribution_module
+from lightdome import guide as guide_module
 from lightdome.device import Device
 from lightdome.distribution import build_distribution
 from lightdome.envmap import EnvironmentMap
@@ -168,6 +169,36 @@ def test_many_samples_are_the_same_as_few_in_one_launch(
         with monkeypatch.context() as patch:
             patch.setattr(distribution_module, "SAMPLES_A_LAUNCH", 300)
             np.testing.assert_array_equal(distribution.sample(1000, 3, sequence).pixel, whole)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (3, 1), (21, 43), (5, 300), (64, 128)])
+def test_guided_searches_end_where_plain_ones_do(
+    device: Device, shape: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    distribution = build_distribution(device, EnvironmentMap(stiff_radiance(*shape) + np.float32(1e-30)))
+    cdf = buffers.download(device, distribution.row_cdf).astype(np.float64)
+    edges = (cdf[shape[0] // 2] / cdf[shape[0] // 2, -1])[:-1]
+    ends = np.concatenate([edges, edges - 2.0**-32, edges + 2.0**-32, [0, 1 - 2.0**-32]]).clip(0, 1 - 2.0**-32)
+    points = np.random.default_rng(0).random((5000, 2))
+    points[: len(ends), 0] = ends
+    points[: len(ends), 1] = (shape[0] // 2 + 0.5) / shape[0]
+    found = []
+    for guided_from in (0, np.inf):
+        monkeypatch.setattr(distribution_module, "SAMPLES_A_PIXEL", guided_from)
+        samples = distribution.sample_at(points)
+        found.append((samples.pixel, samples.probability, samples.direction, samples.radiance))
+    for guided, plain in zip(*found, strict=True):
+        np.testing.assert_array_equal(guided, plain)
+
+
+def test_wide_maps_are_guided_without_records_too(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    envmap = EnvironmentMap(stiff_radiance(3, 70000))
+    monkeypatch.setattr(distribution_module, "SAMPLES_A_PIXEL", np.inf)
+    plain = build_distribution(device, envmap).sample(10_000).pixel
+    monkeypatch.setattr(distribution_module, "SAMPLES_A_PIXEL", 0)
+    for limit in (guide_module.RECORDS_BYTES, 0):
+        monkeypatch.setattr(guide_module, "RECORDS_BYTES", limit)
+        np.testing.assert_array_equal(build_distribution(device, envmap).sample(10_000).pixel, plain)
 
 
 def test_mistakes_are_told(device: Device, stiff: EnvironmentMap) -> None:
