@@ -7,8 +7,8 @@ from lightdome.samples import SEQUENCES
 
 def main() -> None:
     parser = cli.parser(
-        "Draw directions from an environment map with probability proportional to luminance x sin(theta)."
-        " Writes samples_N.npz, and the marked map as em_N.pfm, em_N.ppm and em_N.png.",
+        "Draw directions from an environment map with probability proportional to luminance x sin(theta).\n\n"
+        "Writes samples_N.npz, and em_N.pfm, em_N.ppm and em_N.png: the map with a square on each pixel drawn.",
         "scripts/part2_sample.py --counts 64 256 --seed 1",
         "out/part2",
     )

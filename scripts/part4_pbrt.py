@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 def parse_arguments() -> argparse.Namespace:
     """The command line."""
     parser = cli.parser(
-        "Render a diffuse sphere under an environment map with N samples a pixel, fresh for every pixel."
-        " Writes sphere_Nspp.pfm, sphere_Nspp.ppm and sphere_Nspp.png, and the scenes for PBRT-v3 and PBRT-v4"
-        " into the folder pbrt.",
+        "Render a diffuse sphere under an environment map with fresh samples for every pixel.\n\n"
+        "Writes sphere_Nspp.pfm (linear radiance), sphere_Nspp.ppm and sphere_Nspp.png for N samples a pixel, and the"
+        " scenes for PBRT-v3 and PBRT-v4 into the folder pbrt.",
         example="scripts/part4_pbrt.py --spp 16 64 --pbrt ~/pbrt-v4/build",
         out="out/part4",
     )
