@@ -51,13 +51,12 @@ typedef struct {
 
 static inline void radiance_at(const Light *light, private const uint *x, private const uint *y, private block3 *L)
 {
+    for (uint k = 0; k < BLOCK; ++k)
+        PREFETCH(light->radiance + 3 * ((size_t)y[k] * light->map.width + x[k]));
+    GATHER
     for (uint k = 0; k < BLOCK; ++k) {
         const size_t i = (size_t)y[k] * light->map.width + x[k];
-#ifdef RECORDS
-        const float3 l = as_float4(vload4(i, light->map.pixels)).yzw;
-#else
         const float3 l = vload3(i, light->radiance);
-#endif
         L->x[k] = l.x;
         L->y[k] = l.y;
         L->z[k] = l.z;
@@ -87,6 +86,7 @@ static inline void light_samples(const Light *light, private const block3 *n, pr
     uint x[BLOCK], y[BLOCK], target_x[BLOCK], target_y[BLOCK];
     pick_pixels(&light->map, across, down, BLOCK, x, y, target_x, target_y);
     float sin_theta[BLOCK], cos_theta[BLOCK], sin_phi[BLOCK], cos_phi[BLOCK];
+    GATHER
     for (uint k = 0; k < BLOCK; ++k) {
         const float2 t = light->theta[y[k]], p = light->phi[x[k]];
         sin_theta[k] = t.x;
@@ -106,10 +106,10 @@ static inline void light_samples(const Light *light, private const block3 *n, pr
 
 #elif defined(ESTIMATOR_MIS)
 
-// Where in its step of a CDF a point lay, 0 to 1. `at` is the step's end, `before` the entry before it or null.
-static inline float rest(global const uint *at, bool first, uint stride, uint target, uint low)
+// Where in its step of a CDF, which ends at `at`, a point lay, 0 to 1.
+static inline float rest(global const uint *at, bool first, uint target, uint low)
 {
-    const uint below = first ? 0u : at[-(int)stride];
+    const uint below = first ? 0u : at[-1];
     return ((float)(target - below) + (float)low * FRACTION) / (float)(at[0] - below);
 }
 
@@ -122,13 +122,15 @@ static inline void light_samples(const Light *light, private const block3 *n, pr
     pick_pixels(map, across, down, BLOCK, x, y, target_x, target_y);
     const uint total = map->marginal_cdf[map->height - 1];
     float cos_theta[BLOCK], turn[BLOCK];
+    GATHER
     for (uint k = 0; k < BLOCK; ++k) {
-        const float v = rest(map->marginal_cdf + y[k], y[k] == 0, 1, target_y[k], down[k] * total);
+        const float v = rest(map->marginal_cdf + y[k], y[k] == 0, target_y[k], down[k] * total);
         cos_theta[k] = mix(light->edge[y[k]], light->edge[y[k] + 1], v);
     }
+    GATHER
     for (uint k = 0; k < BLOCK; ++k) {
-        global const uint *at = map->pixels + PIXEL_STRIDE * ((size_t)y[k] * map->width + x[k]);
-        turn[k] = x[k] + rest(at, x[k] == 0, PIXEL_STRIDE, target_x[k], across[k] * map->row_total[y[k]]);
+        global const uint *at = map->row_cdf + (size_t)y[k] * map->width + x[k];
+        turn[k] = x[k] + rest(at, x[k] == 0, target_x[k], across[k] * map->row_total[y[k]]);
     }
     block3 L;
     radiance_at(light, x, y, &L);
@@ -193,11 +195,10 @@ kernel void render(global const uint *restrict row_cdf,
                    global const uint *restrict marginal_cdf,
                    global const float *restrict radiance,
                    global const guide_index *restrict marginal_guide,
-                   const uint marginal_shift,
                    global const guide_index *restrict row_guide,
-                   const uint row_shift,
                    global const uint *restrict row_total,
-                   global const uint *restrict records,
+                   const uint marginal_shift,
+                   const uint row_shift,
                    global const float2 *restrict theta,
                    global const float2 *restrict phi,
                    global const float *restrict edge,
@@ -214,13 +215,8 @@ kernel void render(global const uint *restrict row_cdf,
                    const int resolution,
                    global float *restrict sum)
 {
-#ifdef RECORDS
-    global const uint *pixels = records;
-#else
-    global const uint *pixels = row_cdf;
-#endif
-    const guided_map map = {marginal_cdf, marginal_guide, row_total,      row_guide, pixels,
-                            width,        height,         marginal_shift, row_shift};
+    const guided_map map = {row_cdf,   marginal_cdf,   marginal_guide, row_guide, row_total,
+                            marginal_shift, row_shift, width,          height};
     const Light light = {map, radiance, theta, phi, edge, scale, offset, k_light};
 
     const uint first = get_global_id(0) * BLOCK;

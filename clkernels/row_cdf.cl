@@ -7,7 +7,8 @@
 //
 // radiance  height x width x 3 floats, finite and >= 0
 // scale     a power of two that keeps the sum over the map inside float's range
-// offset    0; the part of the light that something else samples, for MIS compensation
+// offset    the part of the light that something else samples, for MIS compensation
+//           with PLAIN they are 1 and 0, and not looked at
 // cdf       height x width integers
 // row_sum   height double words
 //
@@ -28,7 +29,11 @@ kernel void row_cdf(global const float *restrict radiance,
     cdf += y * width;
 
     for (size_t x = 0; x < width; ++x)
+#ifdef PLAIN
+        cdf[x] = as_uint(weight(radiance + 3 * x, 1.0f));
+#else
         cdf[x] = as_uint(fmax(weight(radiance + 3 * x, scale) - offset, 0.0f));
+#endif
 
     float16 hi = 0.0f, lo = 0.0f;
     const uint whole = width - width % LANES;

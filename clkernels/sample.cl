@@ -6,7 +6,7 @@
 //
 // row_cdf, marginal_cdf   from row_cdf.cl and marginal_cdf.cl
 // radiance                height x width x 3
-// with GUIDED             searches begin at guide tables (guide.cl); with RECORDS pixels are read from records.cl's
+// with GUIDED             searches begin at guide tables (guide.cl)
 // theta, phi              (sin, cos) of every row and of every column
 // scale, inverse_total    powers and reciprocals that make p a probability
 // points                  (count, 2) fractions of 2^32 instead of the sequence
@@ -26,11 +26,10 @@ kernel void sample(global const uint *restrict row_cdf,
                    global const float *restrict radiance,
 #ifdef GUIDED
                    global const guide_index *restrict marginal_guide,
-                   const uint marginal_shift,
                    global const guide_index *restrict row_guide,
-                   const uint row_shift,
                    global const uint *restrict row_total,
-                   global const uint *restrict records,
+                   const uint marginal_shift,
+                   const uint row_shift,
 #endif
                    global const float2 *restrict theta,
                    global const float2 *restrict phi,
@@ -63,13 +62,8 @@ kernel void sample(global const uint *restrict row_cdf,
 #endif
 
 #ifdef GUIDED
-#ifdef RECORDS
-    global const uint *pixels = records;
-#else
-    global const uint *pixels = row_cdf;
-#endif
-    const guided_map map = {marginal_cdf, marginal_guide, row_total,      row_guide, pixels,
-                            width,        height,         marginal_shift, row_shift};
+    const guided_map map = {row_cdf,   marginal_cdf,   marginal_guide, row_guide, row_total,
+                            marginal_shift, row_shift, width,          height};
     uint target_x[BLOCK], target_y[BLOCK];
     pick_pixels(&map, across, down, n, x, y, target_x, target_y);
 #else
@@ -79,19 +73,19 @@ kernel void sample(global const uint *restrict row_cdf,
     }
 #endif
 
+    for (uint k = 0; k < n; ++k)
+        PREFETCH(radiance + 3 * ((size_t)y[k] * width + x[k]));
     float red[BLOCK], green[BLOCK], blue[BLOCK];
     float sin_theta[BLOCK], cos_theta[BLOCK], sin_phi[BLOCK], cos_phi[BLOCK];
+    GATHER
     for (uint k = 0; k < n; ++k) {
         const size_t i = (size_t)y[k] * width + x[k];
-#ifdef RECORDS
-        const float3 L = as_float4(vload4(i, records)).yzw;
-#else
         const float3 L = vload3(i, radiance);
-#endif
         red[k] = L.x;
         green[k] = L.y;
         blue[k] = L.z;
     }
+    GATHER
     for (uint k = 0; k < n; ++k) {
         const float2 t = theta[y[k]], p = phi[x[k]];
         sin_theta[k] = t.x;

@@ -10,7 +10,8 @@
     lightdome.write_image("sphere.pfm", image)
 
 Data flows one way: a map (:mod:`.envmap`) becomes a distribution (:mod:`.distribution`), that becomes
-samples (:mod:`.samples`), and those light a sphere (:mod:`.sphere`). :mod:`.render` draws the same
+samples (:mod:`.samples`), and those light a sphere (:mod:`.sphere`). :mod:`.banded` draws samples of a map that is
+larger than the memory. :mod:`.render` draws the same
 sphere per pixel, :mod:`.pbrt` lets PBRT draw it, :mod:`.mediancut` and :mod:`.harmonics` light it without
 chance, :mod:`.lights` writes light sets for other programs, :mod:`.fresnel` stands alone, and
 :mod:`.reference` holds what all of it is checked against.
@@ -24,12 +25,13 @@ from typing import TYPE_CHECKING
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from .banded import sample_file
     from .device import Device, open_device
     from .distribution import Distribution, build_distribution
     from .envmap import EnvironmentMap
     from .errors import LightdomeError
     from .harmonics import Harmonics, project, shade_harmonics
-    from .images import auto_exposure, read_image, tone_map, write_image
+    from .images import ImageRows, auto_exposure, read_image, tone_map, write_image
     from .lights import Lights, write_csv, write_pbrt
     from .mediancut import median_cut
     from .samples import Samples
@@ -46,6 +48,7 @@ _HOME = {
     "Harmonics": "harmonics",
     "project": "harmonics",
     "shade_harmonics": "harmonics",
+    "ImageRows": "images",
     "auto_exposure": "images",
     "read_image": "images",
     "tone_map": "images",
@@ -55,6 +58,7 @@ _HOME = {
     "write_pbrt": "lights",
     "median_cut": "mediancut",
     "Samples": "samples",
+    "sample_file": "banded",
     "exact": "sphere",
     "shade": "sphere",
     "shade_samples": "sphere",
@@ -65,6 +69,7 @@ __all__ = [
     "Distribution",
     "EnvironmentMap",
     "Harmonics",
+    "ImageRows",
     "LightdomeError",
     "Lights",
     "Samples",
@@ -76,6 +81,7 @@ __all__ = [
     "open_device",
     "project",
     "read_image",
+    "sample_file",
     "shade",
     "shade_harmonics",
     "shade_samples",

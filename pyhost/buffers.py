@@ -32,6 +32,7 @@ def upload(device: Device, array: np.ndarray, stage: str = "upload") -> DeviceAr
     array = np.ascontiguousarray(array)
     flags = cl.mem_flags.READ_ONLY
     if device.shares_host_memory:
+        device.omit("copies between host and device", "it works on the host's memory")
         return DeviceArray(_buffer(device, flags, array.nbytes, array), array.shape, array.dtype, array)
     buffer = _buffer(device, flags, array.nbytes, None)
     device.profile.record(stage, cl.enqueue_copy(device.queue, buffer, array, is_blocking=False))

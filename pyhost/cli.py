@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, NoReturn
 from .errors import LightdomeError, one_line
 
 if TYPE_CHECKING:
+    from .device import Device
     from .envmap import EnvironmentMap
 
 
@@ -138,6 +139,21 @@ def device_option(parser: argparse.ArgumentParser) -> None:
         help="OpenCL device: PLATFORM[:DEVICE], indices or parts of names"
         " (default: $PYOPENCL_CTX, else the best that works)",
     )
+
+
+def explain_option(parser: argparse.ArgumentParser) -> None:
+    """Add ``--explain``, for :func:`explain`."""
+    parser.add_argument("--explain", action="store_true", help="say what was left out because nothing here needs it")
+
+
+def explain(args: argparse.Namespace, device: Device) -> None:
+    """Print what was left out and why, and the kernels that were built, if ``--explain`` asks for it."""
+    if not args.explain:
+        return
+    built, there = device.programs.built, device.programs.available
+    print(f"built {len(built)} of {there} kernels: {', '.join(built) or 'none'}")
+    for what, why in device.omitted.items():
+        print(f"left out: {what}; {why}")
 
 
 def sphere_options(parser: argparse.ArgumentParser) -> None:

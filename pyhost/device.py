@@ -44,6 +44,7 @@ class Device:
     queue: cl.CommandQueue
     programs: Programs
     profile: Profile = field(default_factory=Profile)
+    omitted: dict[str, str] = field(default_factory=dict)
 
     @property
     def description(self) -> str:
@@ -64,6 +65,10 @@ class Device:
     def shares_host_memory(self) -> bool:
         """Whether kernels can work on the host's memory in place."""
         return bool(self.handle.type & cl.device_type.CPU)
+
+    def omit(self, what: str, why: str) -> None:
+        """Note that something was left out because this scene does not need it; ``--explain`` prints the notes."""
+        self.omitted[what] = why
 
     def kernel(self, name: str, **defines: int) -> cl.Kernel:
         """The kernel ``name`` of the source file ``clkernels/name.cl``, built once per set of ``defines``."""

@@ -63,11 +63,7 @@ class Distribution:
 
         Raises :class:`LightdomeError` if the map is black or ``count`` is not positive.
         """
-        if sequence not in SEQUENCES:
-            raise LightdomeError(f"unknown sequence {sequence!r}; there is {', '.join(SEQUENCES)}")
-        if not 0 < count < 2**31:
-            raise LightdomeError(f"cannot draw {count} samples; ask for 1 to 2147483647")
-        return self._sample(count, philox_key(seed), {f"SEQUENCE_{sequence.upper()}": 1}, sequence, seed)
+        return self._sample(count, philox_key(seed), sequence_define(count, sequence), sequence, seed)
 
     def sample_at(self, points: np.ndarray) -> Samples:
         """The samples at given ``points``, (N, 2) in [0, 1): column 0 picks x within a row, column 1 picks y.
@@ -86,7 +82,7 @@ class Distribution:
     @cached_property
     def guide(self) -> Guide:
         """Tables that speed up the search for many samples, built when first asked for."""
-        return build_guide(self.device, self.radiance, self.row_cdf, self.marginal_cdf)
+        return build_guide(self.device, self.row_cdf, self.marginal_cdf)
 
     def _sample(
         self, count: int, points: np.ndarray | cl.Buffer, defines: dict[str, int], sequence: str, seed: int
@@ -101,6 +97,8 @@ class Distribution:
         guided: tuple[object, ...] = ()
         if count >= self.envmap.width * self.envmap.height * SAMPLES_A_PIXEL:
             guided, defines = self.guide.arguments, defines | self.guide.defines
+        else:
+            device.omit("guide tables", f"{count} samples are found sooner than tables for the map's pixels are made")
         block = 1 if device.is_gpu else SAMPLES_A_BLOCK
         kernel = device.kernel("sample", BLOCK=block, **defines)
         blocks, step = -(-count // block), max(1, SAMPLES_A_LAUNCH // block)
@@ -144,6 +142,15 @@ class Distribution:
         )
 
 
+def sequence_define(count: int, sequence: str) -> dict[str, int]:
+    """What kernels that draw ``count`` points of a ``sequence`` are built with; refuses what there is not."""
+    if sequence not in SEQUENCES:
+        raise LightdomeError(f"unknown sequence {sequence!r}; there is {', '.join(SEQUENCES)}")
+    if not 0 < count < 2**31:
+        raise LightdomeError(f"cannot draw {count} samples; ask for 1 to 2147483647")
+    return {f"SEQUENCE_{sequence.upper()}": 1}
+
+
 def philox_key(seed: int) -> np.ndarray:
     """A seed of 64 bits as the two words of a Philox key (an OpenCL ``uint2``)."""
     if not 0 <= seed < 2**64:
@@ -176,13 +183,25 @@ def build_cdfs(
     device: Device, radiance: DeviceArray, scale: float, offset: float = 0.0
 ) -> tuple[DeviceArray, DeviceArray, float]:
     """The CDF of every row, the CDF over rows, and the total, of max(0, scale (R + G + B) - offset) sin(theta)."""
+    row_cdf, row_sum = build_row_cdfs(device, radiance, scale, offset)
+    return row_cdf, *build_marginal_cdf(device, row_sum)
+
+
+def build_row_cdfs(
+    device: Device, radiance: DeviceArray, scale: float, offset: float = 0.0
+) -> tuple[DeviceArray, DeviceArray]:
+    """The CDFs of the rows in ``radiance`` (n, W, 3), and their sums, n double words, without sin(theta).
+
+    Keep both until the device is done: where it shares the host's memory it writes into theirs.
+    """
     height, width = radiance.shape[:2]
-    sin_theta = buffers.upload(device, np.sin(row_angles(height)).astype(np.float32))
     row_cdf = buffers.empty(device, (height, width), np.uint32)
     row_sum = buffers.empty(device, (height, 2), np.float32)
-    marginal_cdf = buffers.empty(device, height, np.uint32)
-    total = buffers.empty(device, 2, np.float32)
-    event = device.kernel("row_cdf")(
+    defines = {}
+    if scale == 1 and offset == 0:
+        defines["PLAIN"] = 1
+        device.omit("scaling of weights", "their sums stay in float32's range")
+    event = device.kernel("row_cdf", **defines)(
         device.queue,
         (height,),
         (1,),
@@ -194,6 +213,15 @@ def build_cdfs(
         row_sum.buffer,
     )
     device.profile.record("row cdf", event)
+    return row_cdf, row_sum
+
+
+def build_marginal_cdf(device: Device, row_sum: DeviceArray) -> tuple[DeviceArray, float]:
+    """The CDF over the rows of a map, and its total, from the sums of all of its rows, (H, 2)."""
+    height = row_sum.shape[0]
+    sin_theta = buffers.upload(device, np.sin(row_angles(height)).astype(np.float32))
+    marginal_cdf = buffers.empty(device, height, np.uint32)
+    total = buffers.empty(device, 2, np.float32)
     event = device.kernel("marginal_cdf")(
         device.queue,
         (1,),
@@ -205,7 +233,7 @@ def build_cdfs(
         total.buffer,
     )
     device.profile.record("marginal cdf", event)
-    return row_cdf, marginal_cdf, float(buffers.download(device, total).astype(np.float64).sum())
+    return marginal_cdf, float(buffers.download(device, total).astype(np.float64).sum())
 
 
 def sine_cosine(angle: np.ndarray) -> np.ndarray:

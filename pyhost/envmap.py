@@ -6,6 +6,7 @@ directions are (sin theta cos phi, cos theta, sin theta sin phi), so +y is up.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,16 +50,12 @@ class EnvironmentMap:
         radiance = np.ascontiguousarray(radiance, dtype=np.float32)
         if radiance.ndim != 3 or radiance.shape[2] != 3 or 0 in radiance.shape:
             raise LightdomeError(f"{name}: an environment map has shape (H, W, 3), not {radiance.shape}")
-        # A NaN makes both extremes NaN, so two passes without temporaries see every bad value.
-        lowest, peak = float(radiance.min()), float(radiance.max())
-        if not (lowest >= 0 and peak < np.inf):
-            bad = ~((radiance >= 0) & np.isfinite(radiance))
-            if not sanitize:
-                raise LightdomeError(_complaint(radiance, bad, name))
-            radiance = np.where(bad, np.float32(0), radiance)
-            peak = float(radiance.max())
+        inspection = Inspection()
+        radiance = inspection.mended(radiance)
+        if not sanitize:
+            inspection.refuse_bad_pixels(name)
         object.__setattr__(self, "radiance", radiance)
-        object.__setattr__(self, "peak", peak)
+        object.__setattr__(self, "peak", inspection.peak)
 
     @classmethod
     def read(cls, path: str | Path, *, sanitize: bool = False) -> EnvironmentMap:
@@ -81,29 +78,59 @@ class EnvironmentMap:
     @property
     def shape_note(self) -> str | None:
         """A remark on a map that is not twice as wide as high, which is allowed; else None."""
-        if self.width == 2 * self.height:
-            return None
-        return (
-            f"note: the map is {self.width} x {self.height}, not 2:1; it is stretched over the whole sphere of"
-            " directions"
-        )
+        return shape_note(self.height, self.width)
 
 
-def _complaint(radiance: np.ndarray, bad: np.ndarray, name: str) -> str:
-    pixels = bad.any(axis=2)
-    y, x = (int(i) for i in np.argwhere(pixels)[0])
-    kinds = [
-        f"{n} {kind}"
-        for kind, n in (
-            ("NaN", int(np.isnan(radiance).any(axis=2).sum())),
-            ("infinite", int(np.isinf(radiance).any(axis=2).sum())),
-            ("negative", int(((radiance < 0) & np.isfinite(radiance)).any(axis=2).sum())),
+def shape_note(height: int, width: int) -> str | None:
+    """A remark on a map that is not twice as wide as high, which is allowed; else None."""
+    if width == 2 * height:
+        return None
+    return f"note: the map is {width} x {height}, not 2:1; it is stretched over the whole sphere of directions"
+
+
+class Inspection:
+    """What a map's values are, looked at row after row, in any order.
+
+    ``peak``  the largest value that is neither infinite nor NaN, 0 if there is none above
+    """
+
+    def __init__(self) -> None:
+        self.peak = 0.0
+        self._bad = 0
+        self._kinds: Counter[str] = Counter()
+        self._first: tuple[int, int, np.ndarray] | None = None  # y, x, and its value
+
+    def mended(self, radiance: np.ndarray, first_row: int = 0) -> np.ndarray:
+        """Look at rows ``first_row`` and following, (n, W, 3); the same, or a copy with 0 for every bad value."""
+        # A NaN makes both extremes NaN, so two passes without temporaries see every bad value.
+        lowest, peak = float(radiance.min()), float(radiance.max())
+        if not (lowest >= 0 and peak < np.inf):
+            self._count(radiance, first_row)
+            radiance = np.where((radiance >= 0) & np.isfinite(radiance), radiance, np.float32(0))
+            peak = float(radiance.max())
+        self.peak = max(self.peak, peak)
+        return radiance
+
+    def _count(self, radiance: np.ndarray, first_row: int) -> None:
+        kinds = {
+            "NaN": np.isnan(radiance).any(axis=2),
+            "infinite": np.isinf(radiance).any(axis=2),
+            "negative": ((radiance < 0) & np.isfinite(radiance)).any(axis=2),
+        }
+        pixels = np.logical_or.reduce(list(kinds.values()))
+        self._bad += int(pixels.sum())
+        self._kinds.update({kind: int(found.sum()) for kind, found in kinds.items()})
+        y, x = (int(i) for i in np.argwhere(pixels)[0])
+        if self._first is None or first_row + y < self._first[0]:
+            self._first = first_row + y, x, radiance[y, x]
+
+    def refuse_bad_pixels(self, name: str) -> None:
+        """Raise :class:`LightdomeError` if there were any, with their count and the first."""
+        if self._first is None:
+            return
+        kinds = ", ".join(f"{n} {kind}" for kind, n in self._kinds.items() if n)
+        y, x, (r, g, b) = self._first
+        raise LightdomeError(
+            f"{name}: {self._bad} bad pixel{'s' if self._bad > 1 else ''} ({kinds}), the first at x = {x}, y = {y}:"
+            f" ({r:g}, {g:g}, {b:g}); mend the map, or replace them by black with --sanitize"
         )
-        if n
-    ]
-    count = int(pixels.sum())
-    r, g, b = radiance[y, x]
-    return (
-        f"{name}: {count} bad pixel{'s' if count > 1 else ''} ({', '.join(kinds)}), the first at x = {x}, y = {y}:"
-        f" ({r:g}, {g:g}, {b:g}); mend the map, or replace them by black with --sanitize"
-    )

@@ -1,6 +1,6 @@
 """Guide tables: searches of a map's CDFs that begin where they nearly end.
 
-Worth their while for many samples only. Kernels: ``guide.cl``, ``records.cl``; ``guided.clh`` searches.
+Worth their while for many samples only. Kernel: ``guide.cl``; ``guided.clh`` is what searches.
 """
 
 from __future__ import annotations
@@ -18,72 +18,55 @@ if TYPE_CHECKING:
     from .device import Device
 
 BUCKETS_A_ROW = 4.0  # one table for all rows: it fits a first-level cache
-BUCKETS_A_PIXEL = 0.25
-RECORDS_BYTES = 2**28  # a map whose records are larger keeps CDFs and radiance apart: memory counts more there
+BUCKETS_A_PIXEL = 1.0
 
 
 @dataclass(frozen=True)
 class Guide:
-    """Where to begin searches of the CDF over rows and of those of the rows.
+    """Where the searches of the CDF over rows and of those of the rows begin and end.
 
-    ``marginal``, ``rows``  the tables, 2^32 >> shift indices a CDF
+    ``marginal``, ``rows``  the tables, (2^32 >> shift) + 1 indices a CDF
     ``row_total``           the last entry of each row's CDF, (H,) uint32
-    ``records``             (CDF, R, G, B) of every pixel, (H, W, 4) uint32; None where CDFs and radiance stay apart
     """
 
     marginal: DeviceArray
-    marginal_shift: int
     rows: DeviceArray
-    row_shift: int
     row_total: DeviceArray
-    records: DeviceArray | None
+    marginal_shift: int
+    row_shift: int
 
     @property
     def defines(self) -> dict[str, int]:
         """What kernels that search with this guide are built with."""
-        result = {"GUIDED": 1}
-        if self.marginal.dtype == np.uint32:
-            result["WIDE"] = 1
-        if self.records is not None:
-            result["RECORDS"] = 1
-        return result
+        return {"GUIDED": 1, **_wide(self.rows.dtype)}
 
     @property
     def arguments(self) -> tuple[object, ...]:
         """The arguments of kernels that search with this guide."""
-        return (
-            self.marginal.buffer,
-            np.uint32(self.marginal_shift),
-            self.rows.buffer,
-            np.uint32(self.row_shift),
-            self.row_total.buffer,
-            None if self.records is None else self.records.buffer,
-        )
+        tables = (self.marginal.buffer, self.rows.buffer, self.row_total.buffer)
+        return (*tables, np.uint32(self.marginal_shift), np.uint32(self.row_shift))
 
 
-def build_guide(device: Device, radiance: DeviceArray, row_cdf: DeviceArray, marginal_cdf: DeviceArray) -> Guide:
-    """Guide tables for a map's ``radiance`` (H, W, 3) and its CDFs, see :func:`lightdome.distribution.build_cdfs`."""
-    height, width = radiance.shape[:2]
+def build_guide(device: Device, row_cdf: DeviceArray, marginal_cdf: DeviceArray) -> Guide:
+    """Guide tables for a map's CDFs (H, W) and (H,), see :func:`lightdome.distribution.build_cdfs`."""
+    height, width = row_cdf.shape
     index = np.dtype(np.uint16 if max(height, width) <= 2**16 else np.uint32)
-    defines = {"WIDE": 1} if index == np.uint32 else {}
 
-    def table(cdf: DeviceArray, count: int, n: int, buckets: float) -> tuple[DeviceArray, int, DeviceArray]:
+    def table(cdf: DeviceArray, count: int, n: int, buckets: float) -> tuple[DeviceArray, DeviceArray, int]:
         bits = max(1, math.ceil(math.log2(n * buckets)))
-        guide = buffers.empty(device, (count, 2**bits), index.type)
+        guide = buffers.empty(device, (count, 2**bits + 1), index.type)
         total = buffers.empty(device, count, np.uint32)
-        event = device.kernel("guide", **defines)(
+        event = device.kernel("guide", **_wide(index))(
             device.queue, (count,), (1,), cdf.buffer, np.uint32(n), np.uint32(32 - bits), guide.buffer, total.buffer
         )
         device.profile.record("guide", event)
-        return guide, 32 - bits, total
+        return guide, total, 32 - bits
 
-    marginal, marginal_shift, _ = table(marginal_cdf, 1, height, BUCKETS_A_ROW)
-    rows, row_shift, row_total = table(row_cdf, height, width, BUCKETS_A_PIXEL)
-    records = None
-    if 16 * height * width <= RECORDS_BYTES:
-        records = buffers.empty(device, (height, width, 4), np.uint32)
-        event = device.kernel("records")(
-            device.queue, (height,), (1,), row_cdf.buffer, radiance.buffer, np.uint32(width), records.buffer
-        )
-        device.profile.record("guide", event)
-    return Guide(marginal, marginal_shift, rows, row_shift, row_total, records)
+    marginal, _, marginal_shift = table(marginal_cdf, 1, height, BUCKETS_A_ROW)
+    rows, row_total, row_shift = table(row_cdf, height, width, BUCKETS_A_PIXEL)
+    device.queue.finish()  # where the memory is the host's, it may be freed from here on
+    return Guide(marginal, rows, row_total, marginal_shift, row_shift)
+
+
+def _wide(index: np.dtype) -> dict[str, int]:
+    return {"WIDE": 1} if index == np.uint32 else {}

@@ -54,6 +54,16 @@ class Programs:
         self._context = context
         self._kernels: dict[tuple[str, tuple[tuple[str, int], ...]], cl.Kernel] = {}
 
+    @property
+    def built(self) -> list[str]:
+        """The kernels that were built, in order, each with what it was specialised on."""
+        return [f"{name} ({', '.join(dict(defines))})" if defines else name for name, defines in self._kernels]
+
+    @property
+    def available(self) -> int:
+        """How many kernels there are."""
+        return sum(file.name.endswith(".cl") for file in resources.files("lightdome.clkernels").iterdir())
+
     def kernel(self, name: str, **defines: int) -> cl.Kernel:
         """The kernel ``name`` of ``clkernels/name.cl``, compiled with ``-D`` for each of ``defines``.
 

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     import pyopencl as cl
 
 SAMPLES_A_LAUNCH = 2**22  # pixels x spp between two updates of the progress line
+PIXELS_A_BLOCK = 128  # that a work-item of a CPU renders side by side
 SAMPLES_A_SUM = 128  # spp that a launch sums in single precision; the sum over launches is in double words
 ESTIMATORS = ("light", "bsdf", "mis", "product")
 SEQUENCES = ("independent", "sobol")
@@ -82,6 +83,7 @@ def render(
         return
 
     device = distribution.device
+    device.omit("code of other estimators and sequences", f"{estimator} and {sequence} are built alone")
     # First, as the largest: what a device has no room for fails at once.
     total = buffers.zeros(device, (resolution, resolution, 2, 3), np.float32)
     disc = disc_tiles(resolution, 1, 1)
@@ -123,11 +125,11 @@ def _launch(
         if compensated[2] > 0:  # else the map is the same all over: there is nothing above its mean
             row_cdf, marginal_cdf, total = compensated
             offset = mean
-            guide = build_guide(device, distribution.radiance, row_cdf, marginal_cdf)
+            guide = build_guide(device, row_cdf, marginal_cdf)
     flux = 3 * distribution.flux * (total / distribution.total)
     guide = guide or distribution.guide
     edge = np.cos(np.pi / envmap.height * np.arange(envmap.height + 1)).astype(np.float32)
-    block = device.vector_width
+    block = 1 if device.is_gpu else PIXELS_A_BLOCK
     launch = partial(
         device.kernel("render", BLOCK=block, **defines, **guide.defines),
         device.queue,

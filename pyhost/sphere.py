@@ -59,8 +59,10 @@ def shade(
         pixels, rows = LANES, TILE_ROWS
         kernel = device.kernel("shade_tiles", ROWS=rows)
         lights = _grouped(device, light)
+        device.omit("most pairs of pixel and light", "lights that all of a tile sees are one matrix, others nothing")
     arguments = tuple(a.buffer if isinstance(a, DeviceArray) else a for a in lights)
     tiles = disc_tiles(resolution, pixels, rows)
+    device.omit("tiles outside the disc", "no pixel there shows the sphere")
     image = buffers.zeros(device, (resolution, resolution, 3), np.float32)
     tile_buffer = buffers.upload(device, tiles)
 

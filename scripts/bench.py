@@ -2,10 +2,14 @@
 """Benchmark: how much error does a millisecond buy, and with which method?"""
 
 import argparse
+from dataclasses import asdict
 
 from lightdome import cli
 
 ERRORS = (0.1, 0.03, 0.01, 0.003)
+# Map heights, image resolutions, and samples or lights, of --roofline.
+ROOFLINE = (512, 2048, 8192), (255, 511, 2047), (64, 1024, 16384, 131072, 1048576)
+ROOFLINE_QUICK = (512, 2048), (255, 511), (64, 1024, 65536)
 
 
 def main() -> None:
@@ -45,6 +49,12 @@ def main() -> None:
     parser.add_argument("--seeds", type=cli.positive_int, default=8, metavar="N", help="seeds for the errors")
     parser.add_argument("--repeats", type=cli.positive_int, default=5, metavar="N", help="runs for the times")
     parser.add_argument("--quick", action="store_true", help="smaller image, fewer counts, seeds and repeats: a minute")
+    parser.add_argument(
+        "--roofline",
+        action="store_true",
+        help="measure the machine's limits instead, and every stage's share of them at all sizes; writes roofline.csv,"
+        " roofline.json and plots. Of the options above, --map, --resolution, --repeats and --quick count",
+    )
     cli.device_option(parser)
     args = parser.parse_args()
     if args.quick:
@@ -55,7 +65,7 @@ def main() -> None:
             args.counts = [16, 64, 256, 1024]
         if args.spp == parser.get_default("spp"):
             args.spp = [8, 32]
-    run(args)
+    (run_roofline if args.roofline else run)(args)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -127,6 +137,57 @@ def run(args: argparse.Namespace) -> None:
         found = f"{best.method} {best.count}, {1e3 * best.wall_seconds:.1f} ms" if best else "none"
         print(f"  for {100 * error:4.1f} %: {found}")
     print(f"\nwrote {out}/bench.csv, bench.json, error_time.png, error_count.png, stages.png, images.png")
+
+
+def run_roofline(args: argparse.Namespace) -> None:
+    out = cli.output_folder(args.out)
+    envmap = cli.load_map(args)
+
+    from lightdome import benchmark, roofline, roofline_plot, roofline_stages
+    from lightdome.benchmark_plot import save
+    from lightdome.device import open_device
+    from lightdome.progress import Progress
+
+    device = open_device(args.device)
+    print(f"device: {device.description}")
+    print(f"map: {args.map}, {envmap.width} x {envmap.height}")
+    heights, resolutions, counts = ROOFLINE_QUICK if args.quick else ROOFLINE
+    sides = sorted({*resolutions, args.resolution})
+    plan = roofline_stages.plan(device, envmap, args.map.name, heights, sides, args.resolution, counts, N=1024)
+    timings = []
+    with Progress("roofline") as progress:
+        before = roofline.measure_limits(device)
+        for fraction, stage in plan:
+            progress.update(fraction)
+            timings.append(roofline.measure(device, stage, args.repeats))
+        after = roofline.measure_limits(device)
+    limits = before.best(after)
+    points = [roofline.rated(timing, limits) for timing in timings]
+
+    settings = benchmark.settings(device, envmap, vars(args))
+    settings["limits"] = {"before": asdict(before), "after": asdict(after)}
+    settings["exponents"] = roofline.exponents(points)
+    roofline.write_csv(out / "roofline.csv", points)
+    benchmark.write_json(out / "roofline.json", points, settings)
+    title = device.handle.name.strip()
+    save(roofline_plot.roofline(points, limits, title), out / "roofline.png")
+    save(roofline_plot.scaling(points, title), out / "roofline_scaling.png")
+
+    for size, rate in limits.copies.items():
+        print(f"copy of {size >> 20:>4} MiB: {1e-9 * rate:8.1f} GB/s")
+    print(f"multiply-adds:    {1e-9 * limits.multiply_adds:8.1f} G/s")
+    print(f"launch:           {1e6 * limits.launch_seconds:8.1f} us")
+    heads = f"{'stage':<18}{'map':>13}{'image':>6}{'N':>9}{'ms':>11}{'spread':>9}{'M a second':>20}"
+    print(f"\n{heads}{'share of its limit':>22}")
+    for p in points:
+        size = f"{p.width} x {p.height}" if p.width else ""
+        least = p.counted == "least"
+        share = f"{100 * p.bound_share:.1f} % {p.bound}" if least else f"{p.bound_share:.2f} x brute force"
+        print(
+            f"{p.stage:<18}{size:>13}{p.resolution or '':>6}{p.N or '':>9}{1e3 * p.seconds:>11.3f}"
+            f"{1e3 * p.spread:>9.3f}{1e-6 * p.rate:>12.1f} {p.unit:<7}{share:>22}"
+        )
+    print(f"\nwrote {out}/roofline.csv, roofline.json, roofline.png, roofline_scaling.png")
 
 
 if __name__ == "__main__":

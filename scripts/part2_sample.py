@@ -1,8 +1,23 @@
 #!/usr/bin/env python3
 """Part 2: draw light directions from an environment map and show where they fell."""
 
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
 from lightdome import cli
+from lightdome.errors import LightdomeError
 from lightdome.samples import SEQUENCES
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+    from pathlib import Path
+
+    from lightdome.device import Device
+    from lightdome.images import ImageRows
+
+BYTES_A_PIXEL = 90  # of the map in the host's memory, at the peak: tone mapping it for the eye takes most of them
 
 
 def main() -> None:
@@ -28,26 +43,62 @@ def main() -> None:
     parser.add_argument(
         "--marker", type=cli.positive_int, default=5, metavar="M", help="side of the blue squares in pixels"
     )
+    parser.add_argument(
+        "--samples-only",
+        action="store_true",
+        help="write samples_N.npz and no pictures; the map is never held, so that it may be larger than the memory",
+    )
     cli.tone_options(parser)
     cli.device_option(parser)
+    cli.explain_option(parser)
     args = parser.parse_args()
+    args.counts = sorted(set(args.counts))
 
     out = cli.output_folder(args.out)
-    envmap = cli.load_map(args)
 
     from lightdome.device import open_device
+    from lightdome.images import ImageRows
+
+    image = ImageRows(args.map)
+    device = open_device(args.device)
+    print(f"device: {device.description}")
+    print(f"map: {args.map}, {image.width} x {image.height}")
+    if args.samples_only:
+        write_samples(args, out, image, device)
+    else:
+        large = f"the memory does not suffice for {image.width} x {image.height} pixels; use --samples-only"
+        here = device.handle
+        room = here.global_mem_size / BYTES_A_PIXEL if device.shares_host_memory else here.max_mem_alloc_size / 12
+        if image.width * image.height > room:
+            raise LightdomeError(large)
+        try:
+            write_samples_and_pictures(args, out, device)
+        except MemoryError as error:
+            raise LightdomeError(large) from error
+
+
+def write_samples(args: Namespace, out: Path, image: ImageRows, device: Device) -> None:
+    from lightdome.banded import sample_file
+    from lightdome.envmap import shape_note
+
+    if note := shape_note(image.height, image.width):
+        print(note, file=sys.stderr)
+    for samples in sample_file(device, image, args.counts, args.seed, args.sequence, sanitize=args.sanitize):
+        samples.save(out / f"samples_{len(samples)}.npz")
+        print(f"wrote {out}/samples_{len(samples)}.npz")
+
+
+def write_samples_and_pictures(args: Namespace, out: Path, device: Device) -> None:
     from lightdome.distribution import build_distribution
     from lightdome.images import auto_exposure, tone_map, write_image
     from lightdome.markers import mark_pixels
 
-    device = open_device(args.device)
-    print(f"device: {device.description}")
-    print(f"map: {args.map}, {envmap.width} x {envmap.height}")
+    envmap = cli.load_map(args)
     distribution = build_distribution(device, envmap)
     exposure = args.exposure or auto_exposure(envmap.radiance)
     picture = tone_map(envmap.radiance, exposure, args.gamma)
 
-    for count in sorted(set(args.counts)):
+    for count in args.counts:
         samples = distribution.sample(count, seed=args.seed, sequence=args.sequence)
         samples.save(out / f"samples_{count}.npz")
 
@@ -60,6 +111,7 @@ def main() -> None:
             write_image(out / f"em_{count}.{suffix}", marked)
         print(f"wrote {out}/samples_{count}.npz and em_{count}.pfm, .ppm, .png")
     print(f"exposure {exposure:.4g}, gamma {args.gamma:g}")
+    cli.explain(args, device)
 
 
 if __name__ == "__main__":

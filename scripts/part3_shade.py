@@ -18,6 +18,7 @@ def main() -> None:
     cli.sphere_options(parser)
     cli.tone_options(parser)
     cli.device_option(parser)
+    cli.explain_option(parser)
     args = parser.parse_args()
 
     from lightdome.samples import Samples
@@ -47,6 +48,7 @@ def main() -> None:
             write_image(out / f"sphere_{count}.{suffix}", picture)
         print(f"wrote {out}/sphere_{count}.pfm, .ppm, .png")
     print(f"exposure {exposure:.4g}, gamma {args.gamma:g}")
+    cli.explain(args, device)
 
 
 if __name__ == "__main__":

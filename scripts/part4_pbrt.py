@@ -44,6 +44,7 @@ def parse_arguments() -> argparse.Namespace:
     cli.sphere_options(parser)
     cli.tone_options(parser)
     cli.device_option(parser)
+    cli.explain_option(parser)
     args = parser.parse_args()
     if args.renderer == "opencl" and args.pbrt:
         parser.error("--pbrt is for --renderer pbrt or auto")
@@ -58,7 +59,8 @@ def with_opencl(args: argparse.Namespace, envmap: EnvironmentMap) -> Images:
 
     device = open_device(args.device)
     print(f"device: {device.description}")
-    return render(build_distribution(device, envmap), args.spp, args.resolution, args.albedo, args.seed)
+    yield from render(build_distribution(device, envmap), args.spp, args.resolution, args.albedo, args.seed)
+    cli.explain(args, device)
 
 
 def main() -> None:

@@ -7,29 +7,34 @@ odd sizes, so that vectors meet their remainders; each kernel runs in the shape 
 Exits with 1 if Oclgrind has any finding, if it misses the faults of a kernel that is broken on purpose, or if a
 kernel of clkernels/ did not run.
 
-The search for what was never set is for row_cdf, marginal_cdf, sample, shade, harmonics and render, since that of
-Oclgrind 21.10 cannot follow all shuffles of vectors: it takes lane 11 of any for never set, and for a lane that does
-not matter it reads outside its own memory. tests/test_devices.py searches all kernels for it in another way.
+The search for what was never set is for row_cdf, marginal_cdf, guide, choose_rows, sample, shade, harmonics and
+render in the shape for a GPU, since that of Oclgrind 21.10 cannot follow all vectors: it takes lane 11 of any for never
+set where the memory was used before, and for a lane that does not matter it reads outside its own memory.
+tests/test_devices.py searches all kernels for it in another way.
 """
 
 from __future__ import annotations
 
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from importlib import resources
+from pathlib import Path
 
 import numpy as np
 import pyopencl as cl
 from conftest import stiff_radiance
-from lightdome import buffers
+from lightdome import buffers, roofline
 from lightdome import distribution as distribution_module
+from lightdome.banded import sample_file
 from lightdome.buffers import DeviceArray
 from lightdome.device import Device
 from lightdome.distribution import Distribution, build_distribution
 from lightdome.envmap import EnvironmentMap
 from lightdome.harmonics import Harmonics, project, shade_harmonics
+from lightdome.images import ImageRows, write_image
 from lightdome.mediancut import median_cut
 from lightdome.programs import Programs
 from lightdome.render import ESTIMATORS, render
@@ -41,8 +46,8 @@ SHAPES = ((7, 5), (3, 33))
 RESOLUTIONS = (1, 17)
 
 # Without these Oclgrind 21.10 takes a vstore16 into a private array for none, since its compiler optimises it away,
-# and does not load Random123, whose functions that return structures it cannot inline.
-BUILD_OPTIONS = "-cl-opt-disable -DR123_FORCE_INLINE(declaration)=declaration"
+# and does not load Random123, whose functions that return structures it cannot inline, nor kernels that prefetch.
+BUILD_OPTIONS = "-cl-opt-disable -DR123_FORCE_INLINE(declaration)=declaration -DPREFETCH(address)="
 
 BROKEN = """
 kernel void broken(global int *a)
@@ -122,6 +127,7 @@ def run_all() -> None:
     ran = set()
     for distribution in distributions():
         draw(distribution)
+        draw_from_file(distribution)
         median_cut(distribution, 5)
         for resolution in RESOLUTIONS:
             light(distribution, resolution, brute_force=False)
@@ -129,6 +135,8 @@ def run_all() -> None:
             exact(distribution.device, distribution.envmap, resolution)
             shade_harmonics(distribution.device, project(distribution.device, distribution.envmap, 3), resolution)
             draw_images(distribution, resolution, ESTIMATORS)
+        list(render(distribution, [2], RESOLUTIONS[-1], estimator="mis", mis_compensation=True))
+        touch_limits(distribution.device)
         ran |= distribution.device.ran
     folder = resources.files("lightdome.clkernels")
     sources = {file.name.removesuffix(".cl") for file in folder.iterdir() if file.name.endswith(".cl")}
@@ -138,7 +146,7 @@ def run_all() -> None:
 
 
 def run_clean() -> None:
-    for distribution in distributions():
+    for distribution in list(distributions(shapes=(True,))):  # all CDFs first, in memory that is new
         draw(distribution)
         for resolution in RESOLUTIONS:
             light(distribution, resolution, brute_force=True)
@@ -146,9 +154,10 @@ def run_clean() -> None:
             draw_images(distribution, resolution, ("light", "bsdf", "mis"))
 
 
-def distributions() -> Iterator[Distribution]:
+def distributions(shapes: tuple[bool, ...] = (False, True)) -> Iterator[Distribution]:
+    """One a map and shape, that for a CPU or (True) for a GPU."""
     buffers.zeros = zeros
-    for as_gpu in (False, True):
+    for as_gpu in shapes:
         device = simulator(as_gpu)
         for height, width in SHAPES:
             radiance = stiff_radiance(height, width)
@@ -164,16 +173,29 @@ def draw(distribution: Distribution) -> None:
         distribution.sample_at(np.array([(0, 0), (1 - 2.0**-32, 1 - 2.0**-32), (0.5, 0.25)]))
 
 
+def draw_from_file(distribution: Distribution) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "map.pfm"
+        write_image(path, distribution.envmap.radiance)
+        for sequence in SEQUENCES:
+            sample_file(distribution.device, ImageRows(path, batch=2), [19], 1, sequence)
+
+
 def light(distribution: Distribution, resolution: int, brute_force: bool) -> None:
     samples = distribution.sample(19)
     shade(distribution.device, samples.direction, samples.flux, resolution, brute_force=brute_force)
+
+
+def touch_limits(device: Device) -> None:
+    roofline.copy(device, 2**15)
+    roofline.multiply_add(device, 2)
+    roofline.launch(device)
 
 
 def draw_images(distribution: Distribution, resolution: int, estimators: tuple[str, ...]) -> None:
     for estimator in estimators:
         for sequence in RENDER_SEQUENCES:
             list(render(distribution, [2, 3], resolution, estimator=estimator, sequence=sequence))
-    list(render(distribution, [2], resolution, estimator="mis", mis_compensation=True))
 
 
 if __name__ == "__main__":

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+import pyopencl as cl
 import pytest
 from conftest import stiff_radiance
 from lightdome import buffers, reference
 from lightdome import distribution as distribution_module
-from lightdome import guide as guide_module
 from lightdome.device import Device
 from lightdome.distribution import build_distribution
 from lightdome.envmap import EnvironmentMap
 from lightdome.errors import LightdomeError
+from lightdome.profile import Profile
 from lightdome.samples import SEQUENCES, Samples
 from lightdome.stability import chi_square_z
 
@@ -191,14 +192,13 @@ def test_guided_searches_end_where_plain_ones_do(
         np.testing.assert_array_equal(guided, plain)
 
 
-def test_wide_maps_are_guided_without_records_too(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_maps_wider_than_16_bits_are_guided_too(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     envmap = EnvironmentMap(stiff_radiance(3, 70000))
-    monkeypatch.setattr(distribution_module, "SAMPLES_A_PIXEL", np.inf)
-    plain = build_distribution(device, envmap).sample(10_000).pixel
-    monkeypatch.setattr(distribution_module, "SAMPLES_A_PIXEL", 0)
-    for limit in (guide_module.RECORDS_BYTES, 0):
-        monkeypatch.setattr(guide_module, "RECORDS_BYTES", limit)
-        np.testing.assert_array_equal(build_distribution(device, envmap).sample(10_000).pixel, plain)
+    found = []
+    for guided_from in (0, np.inf):
+        monkeypatch.setattr(distribution_module, "SAMPLES_A_PIXEL", guided_from)
+        found.append(build_distribution(device, envmap).sample(10_000).pixel)
+    np.testing.assert_array_equal(*found)
 
 
 def test_mistakes_are_told(device: Device, stiff: EnvironmentMap) -> None:
@@ -213,3 +213,13 @@ def test_mistakes_are_told(device: Device, stiff: EnvironmentMap) -> None:
         distribution.sample_at(np.array([[0.5, 1.0]]))
     with pytest.raises(LightdomeError, match="black"):
         build_distribution(device, EnvironmentMap(np.zeros((4, 8, 3)))).sample(1)
+
+
+def test_no_kernel_writes_a_guide_that_may_be_gone(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    events = []
+    monkeypatch.setattr(Profile, "record", lambda self, stage, event: events.append(event) or event)
+    distribution = build_distribution(device, EnvironmentMap(stiff_radiance(512, 1024)))
+    events.clear()
+    assert distribution.guide
+    assert len(events) == 3
+    assert all(event.command_execution_status == cl.command_execution_status.COMPLETE for event in events)

@@ -144,3 +144,13 @@ def test_markers_wrap_at_the_sides_and_are_clipped_at_the_poles() -> None:
     expected[np.ix_([4, 5], [6, 7, 0])] = True
     np.testing.assert_array_equal(image[..., 2], expected)
     assert not image[..., :2].any()
+
+
+def test_explain_says_what_was_left_out(script: Script, tmp_path: Path) -> None:
+    sampled = script("part2_sample", "--counts", 4, "--explain", "--out", tmp_path / "two")
+    assert sampled.returncode == 0, sampled.stderr
+    assert "built 3 of" in sampled.stdout
+    assert "left out: guide tables; 4 samples" in sampled.stdout
+    shaded = script("part3_shade", tmp_path / "two" / "samples_4.npz", "--explain", "--out", tmp_path / "three")
+    assert "left out: most pairs of pixel and light" in shaded.stdout or "shade (" in shaded.stdout
+    assert "left out" not in script("part3_shade", tmp_path / "two" / "samples_4.npz", "--out", tmp_path / "x").stdout

@@ -1,0 +1,146 @@
+"""Samples of a map that stays in its file: memory for bands of its rows, however large it is.
+
+The CDF over rows needs the sum of every row and no pixel after that, so the file is read once, band by band, and
+nothing of a band is kept but its sums. That CDF says which rows the samples fall into. Those alone are read
+again and have CDFs built. The samples are those of :meth:`lightdome.distribution.Distribution.sample`, bit for bit.
+Kernels: those of :mod:`.distribution`, and ``choose_rows.cl``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from . import buffers
+from .buffers import DeviceArray
+from .device import Device
+from .distribution import (
+    BLACK,
+    Distribution,
+    build_marginal_cdf,
+    build_row_cdfs,
+    philox_key,
+    range_scale,
+    sequence_define,
+    sine_cosine,
+)
+from .envmap import EnvironmentMap, Inspection, column_angles, row_angles
+from .errors import LightdomeError
+from .images import ImageRows
+from .progress import Progress
+from .samples import Samples
+
+
+def sample_file(
+    device: Device,
+    image: ImageRows,
+    counts: Sequence[int],
+    seed: int = 0,
+    sequence: str = "independent",
+    *,
+    sanitize: bool = False,
+) -> list[Samples]:
+    """One set of samples of the map in a file for each of ``counts``, as ``Distribution.sample`` draws them.
+
+    The file is read twice in all: whole, then those rows in which a sample lies. A map that leaves the range of
+    2^-60 to 2^60 at its peak is read whole twice.
+
+    Raises :class:`LightdomeError` where the file cannot be read, holds bad pixels that ``sanitize`` does not
+    replace by black, or is black; and for what ``Distribution.sample`` refuses.
+    """
+    defines = [sequence_define(count, sequence) for count in counts]
+    key = philox_key(seed)
+    row_sums, inspection = _row_sums(device, image, 1.0)
+    if not sanitize:
+        inspection.refuse_bad_pixels(str(image.path))
+    scale = range_scale(inspection.peak)
+    if scale != 1:
+        row_sums, _ = _row_sums(device, image, scale)
+    marginal_cdf, total = build_marginal_cdf(device, buffers.upload(device, row_sums))
+    if total == 0:
+        raise LightdomeError(BLACK)
+    chosen = [_choose_rows(device, marginal_cdf, *pair, key) for pair in zip(counts, defines, strict=True)]
+    row, across = (np.concatenate(parts) for parts in zip(*chosen, strict=True))
+    drawn = _draw(device, image, row, across, scale, total)
+    shape = (image.height, image.width)
+    sets = (np.split(array, np.cumsum(counts)[:-1]) for array in drawn)
+    return [Samples(*arrays, map_shape=shape, sequence=sequence, seed=seed) for arrays in zip(*sets, strict=True)]
+
+
+def _row_sums(device: Device, image: ImageRows, scale: float) -> tuple[np.ndarray, Inspection]:
+    """The sum of every row of a file, (H, 2) double words, and what its values are."""
+    sums = np.empty((image.height, 2), np.float32)
+    inspection = Inspection()
+    done = 0
+    with Progress("reading the map") as progress:
+        for rows, radiance in image.read(np.arange(image.height)):
+            band = buffers.upload(device, inspection.mended(radiance, int(rows[0])))
+            built = build_row_cdfs(device, band, scale)
+            sums[rows] = buffers.download(device, built[1])
+            done += len(rows)
+            progress.update(done / image.height)
+    return sums, inspection
+
+
+def _choose_rows(
+    device: Device, marginal_cdf: DeviceArray, count: int, defines: dict[str, int], key: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The row of every sample, and the point that picks a pixel in it as a fraction of 2^32: (N,) uint32 each."""
+    row, across = (buffers.empty(device, count, np.uint32) for _ in range(2))
+    event = device.kernel("choose_rows", **defines)(
+        device.queue,
+        (count,),
+        None,
+        marginal_cdf.buffer,
+        np.uint32(marginal_cdf.shape[0]),
+        np.uint32(count),
+        key,
+        row.buffer,
+        across.buffer,
+    )
+    device.profile.record("search", event)
+    return buffers.download(device, row), buffers.download(device, across)
+
+
+def _draw(
+    device: Device, image: ImageRows, row: np.ndarray, across: np.ndarray, scale: float, total: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Direction, radiance, probability and pixel of samples in known rows."""
+    count = len(row)
+    direction, radiance = (np.empty((count, 3), np.float32) for _ in range(2))
+    probability, pixel = np.empty(count, np.float32), np.empty((count, 2), np.int32)
+    order = np.argsort(row)
+    sorted_row = row[order]
+    theta = sine_cosine(row_angles(image.height))
+    phi = buffers.upload(device, sine_cosine(column_angles(image.width)))
+    done = 0
+    with Progress("reading the chosen rows") as progress:
+        for rows, pixels in image.read(np.unique(row)):
+            # A distribution over these rows alone, each as likely as the others: the second point names one.
+            envmap = EnvironmentMap(pixels, sanitize=True)
+            band = buffers.upload(device, envmap.radiance)
+            built = build_row_cdfs(device, band, scale)
+            distribution = Distribution(
+                device=device,
+                envmap=envmap,
+                radiance=band,
+                row_cdf=built[0],
+                marginal_cdf=buffers.upload(device, np.arange(1, len(rows) + 1, dtype=np.uint32)),
+                theta=buffers.upload(device, theta[rows]),
+                phi=phi,
+                scale=scale,
+                total=total,
+            )
+            first, end = np.searchsorted(sorted_row, [rows[0], rows[-1] + 1])
+            index = order[first:end]
+            place = np.searchsorted(rows, sorted_row[first:end])
+            points = np.stack([across[index] * 2.0**-32, (place + 0.5) / len(rows)], axis=1)
+            samples = distribution.sample_at(points)
+            direction[index] = samples.direction
+            radiance[index] = samples.radiance
+            probability[index] = samples.probability
+            pixel[index] = np.stack([samples.pixel[:, 0], rows[samples.pixel[:, 1]]], axis=1)
+            done += len(index)
+            progress.update(done / count)
+    return direction, radiance, probability, pixel
