@@ -1,7 +1,8 @@
 """What the documentation says holds: its commands and programs run, its links and file names lead somewhere.
 
 In a block tagged ``sh`` every line is a command, run from the clone's folder with ``.venv`` active and with the
-arguments of ``CHEAP`` added, or says ``# not run by the tests: `` and why. A block tagged ``python`` is run as it is,
+arguments of ``CHEAP`` added. A line, or the first line for the whole block, may say ``# not run by the tests: `` and
+why. A block tagged ``python`` is run as it is,
 but for its resolution. All blocks of a page run in one folder, one after another.
 """
 
@@ -54,11 +55,14 @@ def prose(text: str) -> str:
 
 def commands(block: str) -> Iterator[str]:
     """The commands of a block that are to be run."""
-    for line in block.replace("\\\n", " ").splitlines():
+    for line in block.splitlines():
         command, marked, reason = line.partition(NOT_RUN)
         assert not marked or len(reason.split()) > 1, f"no reason: {line}"
-        if command.strip() and not marked:
-            yield command.partition("#")[0].strip()
+        if marked and not command:
+            return
+        command = command.partition("#")[0].strip()
+        if command and not marked:
+            yield command
 
 
 @pytest.fixture
