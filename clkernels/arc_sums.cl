@@ -10,11 +10,13 @@
 // scale       by row: a power of two that keeps the sums inside float's range, and the pixel's solid angle / pi
 // first       the first row of this band
 // arcs        band x (half + width + 1) x 2 x 16 floats: high and low words of w_x L, w_y L, w_z L (4 floats each, the
-//             last 0) and 4 zeros: one cache line a word
+//             last 0) and 4 zeros: one cache line a word. With GREY the channels are the same, and a word has 4 floats:
+//             w_x, w_y, w_z times the one, and 0
 //
 // One work-item a row.
 
 #include "double_word.clh"
+#include "arc.clh"
 
 kernel void arc_sums(global const float *restrict radiance,
                      global const float2 *restrict theta,
@@ -22,7 +24,7 @@ kernel void arc_sums(global const float *restrict radiance,
                      global const float *restrict scale,
                      const uint width,
                      const uint first,
-                     global float16 *restrict arcs)
+                     global arc *restrict arcs)
 {
     const uint row = get_global_id(0), y = first + row, half_width = (width + 1) / 2;
     const size_t stride = half_width + width + 1;
@@ -31,15 +33,19 @@ kernel void arc_sums(global const float *restrict radiance,
     radiance += (size_t)y * width * 3;
     arcs += row * stride * 2;
 
-    float16 hi = 0.0f, lo = 0.0f;
+    arc hi = 0.0f, lo = 0.0f;
     uint x = width - half_width;
     for (size_t k = 0; k < stride; ++k) {
         arcs[2 * k] = hi;
         arcs[2 * k + 1] = lo;
-        const float4 L = (float4)(vload3(x, radiance) * s, 0.0f);
         const float2 p = phi[x];
-        const float16 m = (float16)(L * (t.x * p.y), L * t.y, L * (t.x * p.x), (float4)(0.0f));
-        DOUBLE_WORD_ADD(float16, hi, lo, m);
+#ifdef GREY
+        const arc m = radiance[3 * x] * s * (float4)(t.x * p.y, t.y, t.x * p.x, 0.0f);
+#else
+        const float4 L = (float4)(vload3(x, radiance) * s, 0.0f);
+        const arc m = (arc)(L * (t.x * p.y), L * t.y, L * (t.x * p.x), (float4)(0.0f));
+#endif
+        DOUBLE_WORD_ADD(arc, hi, lo, m);
         x = x + 1 < width ? x + 1 : 0;
     }
 }

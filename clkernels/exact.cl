@@ -15,10 +15,11 @@
 // Source of n . M: Arvo, The Irradiance Jacobian (1994). One work-item a tile.
 
 #include "double_word.clh"
+#include "arc.clh"
 #include "angle.clh"
 #include "normal.clh"
 
-kernel void exact(global const float16 *restrict arcs,
+kernel void exact(global const arc *restrict arcs,
                   global const float *restrict half_arc,
                   const uint width,
                   const uint height,
@@ -37,17 +38,17 @@ kernel void exact(global const float16 *restrict arcs,
     }
 
     half_arc += (size_t)tile.y * height + first;
-    float16 matrix[PIXELS];
+    arc matrix[PIXELS];
     for (int k = 0; k < PIXELS; ++k)
         matrix[k] = 0.0f;
-    float16 whole = 0.0f;
+    arc whole = 0.0f;
     for (uint r = 0; r < rows; ++r) {
-        global const float16 *arc = arcs + (r * stride + half_width) * 2;
+        global const arc *row = arcs + (r * stride + half_width) * 2;
         const float h = half_arc[r];
         if (h <= 0.0f)
             continue;
         if (h >= 0.5f * width) {
-            whole += arc[2 * width] - arc[0] + (arc[2 * width + 1] - arc[1]);
+            whole += row[2 * width] - row[0] + (row[2 * width + 1] - row[1]);
             continue;
         }
         int begin[PIXELS], end[PIXELS];
@@ -57,7 +58,7 @@ kernel void exact(global const float16 *restrict arcs,
         }
 #pragma unroll
         for (int k = 0; k < PIXELS; ++k)
-            matrix[k] += arc[end[k]] - arc[begin[k]] + (arc[end[k] + 1] - arc[begin[k] + 1]);
+            matrix[k] += row[end[k]] - row[begin[k]] + (row[end[k] + 1] - row[begin[k] + 1]);
     }
 
     for (int k = 0; k < PIXELS; ++k) {
@@ -65,8 +66,12 @@ kernel void exact(global const float16 *restrict arcs,
         const float3 n = pixel_normal(x, tile.y, resolution);
         if (x >= resolution || n.z <= 0.0f)
             continue;
-        const float16 m = matrix[k] + whole;
+        const arc m = matrix[k] + whole;
+#ifdef GREY
+        const float3 rgb = n.x * m.x + n.y * m.y + n.z * m.z;
+#else
         const float3 rgb = n.x * m.s012 + n.y * m.s456 + n.z * m.s89a;
+#endif
         const size_t at = 2 * ((size_t)tile.y * resolution + x);
         float3 hi = vload3(at, sum), lo = vload3(at + 1, sum);
         DOUBLE_WORD_ADD(float3, hi, lo, rgb);

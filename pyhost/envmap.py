@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +65,12 @@ class EnvironmentMap:
         Raises :class:`LightdomeError` where the file cannot be read or holds bad pixels.
         """
         return cls(read_image(path), sanitize=sanitize, name=str(path))
+
+    @cached_property
+    def is_grey(self) -> bool:
+        """Whether the three channels are the same everywhere."""
+        red, green, blue = np.moveaxis(self.radiance, 2, 0)
+        return np.array_equal(red[0], green[0]) and np.array_equal(red, green) and np.array_equal(red, blue)
 
     @property
     def height(self) -> int:

@@ -2,7 +2,8 @@
 
 Pixel (i, j) of an R x R image has n_x = (2i + 1 - R) / R, n_y = (R - 2j - 1) / R and
 n_z = sqrt(1 - n_x^2 - n_y^2); image x to the right is +x, image y upward is +y. The surface is
-convex, so visibility is 1 and no ray is traced. Kernel: ``shade.cl``.
+convex, so visibility is 1 and no ray is traced. Kernels: ``shade_tiles.cl`` with ``light_groups.cl`` on a CPU,
+``shade.cl`` on a GPU; ``arc_sums.cl`` and ``exact.cl`` for a whole map.
 """
 
 from __future__ import annotations
@@ -16,13 +17,14 @@ from .device import Device
 from .disc import check_resolution, disc_tiles
 from .distribution import range_scale, sine_cosine
 from .envmap import EnvironmentMap, column_angles, row_angles, solid_angles
-from .float_range import light_exponent, to_float32
+from .float_range import LARGEST, light_exponent, to_float32
 from .progress import Progress
 from .samples import Samples
 
 LANES = 16  # pixels across a tile, and lights in a vector, see clkernels/shade_tiles.cl
 TILE_ROWS = 16
 PAIRS_A_LAUNCH = 2**33  # pixels x lights between two updates of the progress line
+SAMPLES_A_ROW = 320  # of a map, from which on an image of the map is made sooner than one of the samples
 ARCS_BYTES = 2**22  # prefix sums of a band of map rows that the image is summed from: about a second-level cache
 
 
@@ -126,8 +128,17 @@ def _places(direction: np.ndarray) -> np.ndarray:
 def shade_samples(device: Device, samples: Samples, resolution: int = 511, albedo: float = 1.0) -> np.ndarray:
     """Light the sphere with one set of samples for all pixels: unbiased, its error the same everywhere.
 
-    See :func:`shade` for the image and the errors raised.
+    Beyond some hundred samples a row of the map most share a pixel with others: then they are summed on a map, and
+    the image is that map's, as :func:`exact` makes it. See :func:`shade` for the image and the errors raised.
     """
+    height, width = samples.map_shape
+    if len(samples) >= SAMPLES_A_ROW * height:
+        index = samples.pixel[:, 1].astype(np.int64) * width + samples.pixel[:, 0]
+        flux = np.stack([np.bincount(index, of_channel, height * width) for of_channel in samples.flux.T], axis=1)
+        radiance = flux.reshape(height, width, 3) / solid_angles(height, width)[:, None, None]
+        if radiance.max() <= LARGEST:
+            device.omit("lights of samples that share a pixel", "they are summed on a map")
+            return exact(device, EnvironmentMap(radiance), resolution, albedo)
     return shade(device, samples.direction, samples.flux, resolution, albedo)
 
 
@@ -160,11 +171,16 @@ def exact(device: Device, envmap: EnvironmentMap, resolution: int = 511, albedo:
     tiles = disc_tiles(resolution, pixels, 1)
     tile_buffer = buffers.upload(device, tiles)
     line = (width + 1) // 2 + width + 1
-    band = max(2, min(height, ARCS_BYTES // (128 * line)))
-    arcs = buffers.empty(device, (band, line, 2, 16), np.float32)
+    grey = envmap.is_grey
+    if grey:
+        device.omit("two channels of three", "the map is grey")
+    word = 4 if grey else 16  # floats
+    band = max(2, min(height, ARCS_BYTES // (8 * word * line)))
+    arcs = buffers.empty(device, (band, line, 2, word), np.float32)
     total = buffers.zeros(device, (resolution, resolution, 2, 3), np.float32)
 
-    sums, kernel = device.kernel("arc_sums"), device.kernel("exact", PIXELS=pixels)
+    defines = {"GREY": 1} if grey else {}
+    sums, kernel = device.kernel("arc_sums", **defines), device.kernel("exact", PIXELS=pixels, **defines)
     with Progress("summing the map") as progress:
         for first in range(0, height, band):
             count = min(band, height - first)

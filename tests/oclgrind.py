@@ -133,6 +133,7 @@ def run_all() -> None:
             light(distribution, resolution, brute_force=False)
             light(distribution, resolution, brute_force=True)
             exact(distribution.device, distribution.envmap, resolution)
+            exact(distribution.device, EnvironmentMap(np.ones((5, 7, 3))), resolution)
             shade_harmonics(distribution.device, project(distribution.device, distribution.envmap, 3), resolution)
             draw_images(distribution, resolution, ESTIMATORS)
         list(render(distribution, [2], RESOLUTIONS[-1], estimator="mis", mis_compensation=True))

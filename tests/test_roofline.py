@@ -94,7 +94,7 @@ def test_exponents_are_those_that_were_put_in() -> None:
 def test_memory_that_a_run_takes_is_seen_although_it_is_free_again(device: Device) -> None:
     if not Path("/proc/self/clear_refs").exists():
         pytest.skip("this system does not tell the peak of a process's memory")
-    for mib in (8, 64):
+    for mib in (40, 64):  # more than malloc may have kept from tests before
         stage = Stage("taking", lambda mib=mib: np.ones(mib << 17), Work(1, 1, 1, "samples"))
         peak = roofline.measure(device, stage, 2).peak_bytes
         assert peak == pytest.approx(mib << 20, rel=0.1)

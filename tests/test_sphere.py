@@ -11,7 +11,7 @@ from lightdome.disc import disc_mask, disc_tiles
 from lightdome.distribution import build_distribution
 from lightdome.envmap import EnvironmentMap
 from lightdome.errors import LightdomeError
-from lightdome.sphere import exact, shade, shade_samples
+from lightdome.sphere import SAMPLES_A_ROW, exact, shade, shade_samples
 
 RESOLUTIONS = [1, 2, 3, 10, 63, 64, 101]
 
@@ -65,6 +65,14 @@ def test_the_exact_image_meets_the_float64_sum(device: Device) -> None:
     np.testing.assert_allclose(image[mask], expected, rtol=2e-6)
 
 
+@pytest.mark.parametrize("count", [21 * SAMPLES_A_ROW - 1, 21 * SAMPLES_A_ROW, 40_000])
+def test_samples_that_share_pixels_give_the_same_image(device: Device, stiff: EnvironmentMap, count: int) -> None:
+    samples = build_distribution(device, stiff).sample(count, seed=4)
+    image = shade_samples(device, samples, 33, albedo=0.6)
+    brute = shade(device, samples.direction, samples.flux, 33, albedo=0.6, brute_force=True)
+    assert np.abs(image - brute).max() <= 2e-6 * brute.max()
+
+
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (2, 2), (5, 3), (9, 20), (33, 64)])
 @pytest.mark.parametrize("resolution", [1, 2, 17, 40])
 def test_the_exact_image_for_any_shape(device: Device, shape: tuple[int, int], resolution: int) -> None:
@@ -75,6 +83,16 @@ def test_the_exact_image_for_any_shape(device: Device, shape: tuple[int, int], r
     # A map of few pixels can leave a normal no light but what grazes it: no relative error holds there.
     np.testing.assert_allclose(image[mask], expected, rtol=2e-6, atol=2e-7 * expected.max(initial=0))
     assert not image[~mask].any()
+
+
+def test_a_grey_map_gives_the_same_image_from_one_channel(device: Device) -> None:
+    radiance = np.repeat(stiff_radiance(16, 33)[..., :1], 3, axis=2)
+    radiance[3, 30] = 1e6
+    coloured = radiance * np.array([1, 1, 2], np.float32)
+    grey, colour = EnvironmentMap(radiance), EnvironmentMap(coloured)
+    assert grey.is_grey
+    assert not colour.is_grey
+    np.testing.assert_array_equal(exact(device, grey, 20) * np.array([1, 1, 2], np.float32), exact(device, colour, 20))
 
 
 def test_a_sun_leaves_the_shadow_its_digits(device: Device) -> None:
