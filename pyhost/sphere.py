@@ -25,6 +25,7 @@ LANES = 16  # pixels across a tile, and lights in a vector, see clkernels/shade_
 TILE_ROWS = 16
 PAIRS_A_LAUNCH = 2**33  # pixels x lights between two updates of the progress line
 SAMPLES_A_ROW = 320  # of a map, from which on an image of the map is made sooner than one of the samples
+ARCS_ROWS = 64  # that are added in single precision; the sum over bands is in double words
 ARCS_BYTES = 2**22  # prefix sums of a band of map rows that the image is summed from: about a second-level cache
 
 
@@ -175,7 +176,7 @@ def exact(device: Device, envmap: EnvironmentMap, resolution: int = 511, albedo:
     if grey:
         device.omit("two channels of three", "the map is grey")
     word = 4 if grey else 16  # floats
-    band = max(2, min(height, ARCS_BYTES // (8 * word * line)))
+    band = max(2, min(height, ARCS_ROWS, ARCS_BYTES // (8 * word * line)))
     arcs = buffers.empty(device, (band, line, 2, word), np.float32)
     total = buffers.zeros(device, (resolution, resolution, 2, 3), np.float32)
 
