@@ -76,15 +76,25 @@ def _flush_or_drop() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-class _Help(argparse.ArgumentDefaultsHelpFormatter):
-    """Says the default of every option that has one to say."""
+class _Help(argparse.HelpFormatter):
+    """Keeps paragraphs, and says the default of every option that has one, as it would be typed."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
-        return action.help if action.default in (None, False) else super()._get_help_string(action)
+        default = action.default
+        if default is None or default is False or default in ([], argparse.SUPPRESS):
+            return action.help
+        typed = " ".join(map(str, default)) if isinstance(default, list) else str(default)
+        return f"{action.help} (default: {typed.replace('%', '%%')})"
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return "\n\n".join(super(_Help, self)._fill_text(part, width, indent) for part in text.split("\n\n"))
 
 
 def parser(description: str, example: str, out: str) -> argparse.ArgumentParser:
-    """An argument parser with the look that all scripts share and the option ``--out``."""
+    """An argument parser with the look that all scripts share and the option ``--out``.
+
+    The first paragraph of ``description`` is the purpose in one line.
+    """
     result = argparse.ArgumentParser(
         description=description,
         epilog=f"example: {example}",
@@ -156,7 +166,11 @@ def sphere_options(parser: argparse.ArgumentParser) -> None:
         help="width and height of the images in pixels",
     )
     parser.add_argument(
-        "--albedo", type=non_negative_float, default=1.0, help="reflectance of the sphere, 0 black to 1 white"
+        "--albedo",
+        type=non_negative_float,
+        default=1.0,
+        metavar="RHO",
+        help="share of the light that the sphere reflects, 0 black to 1 white",
     )
 
 
@@ -167,6 +181,7 @@ def tone_options(parser: argparse.ArgumentParser) -> None:
         "--exposure",
         type=exposure,
         default="auto",
+        metavar="FACTOR",
         help="factor on the radiance in the .ppm and .png files, or auto: the 95th percentile becomes white",
     )
 

@@ -98,7 +98,7 @@ def shape_note(height: int, width: int) -> str | None:
 class Inspection:
     """What a map's values are, looked at row after row, in any order.
 
-    ``peak``  the largest value that is neither infinite nor NaN, 0 if there is none above
+    ``peak`` is the largest value that is neither infinite nor NaN, 0 if there is none above
     """
 
     def __init__(self) -> None:

@@ -25,8 +25,8 @@ BUCKETS_A_PIXEL = 1.0
 class Guide:
     """Where the searches of the CDF over rows and of those of the rows begin and end.
 
-    ``marginal``, ``rows``  the tables, (2^32 >> shift) + 1 indices a CDF
-    ``row_total``           the last entry of each row's CDF, (H,) uint32
+    - ``marginal``, ``rows``: the tables, (2^32 >> shift) + 1 indices a CDF
+    - ``row_total``: the last entry of each row's CDF, (H,) uint32
     """
 
     marginal: DeviceArray

@@ -53,9 +53,9 @@ def read_image(path: str | Path) -> np.ndarray:
 class ImageRows:
     """The rows of a file that :func:`read_image` reads, some at a time: memory for those, not for the image.
 
-    ``height``, ``width``  of the image
-    ``batch``              the most rows that :meth:`read` yields at once; by default they take 50 MB, or are those
-                           that the file packs together, a row of tiles for one
+    - ``height``, ``width``: of the image
+    - ``batch``: the most rows that :meth:`read` yields at once; by default they take 50 MB, or are those that the
+      file packs together, a row of tiles for one
 
     An HDR file that lies on its side is read whole all the same, and so are the bytes of a PFM file whose header is
     of an uncommon form. Raises :class:`LightdomeError` as :func:`read_image` does.

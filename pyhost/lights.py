@@ -23,8 +23,8 @@ CSV_HEADER = "x,y,z,red,green,blue"
 class Lights:
     """N directional lights.
 
-    ``direction``  (N, 3) float32, unit vectors towards the lights
-    ``flux``       (N, 3) float64, RGB, what each light stands for: radiance x steradian
+    - ``direction``: (N, 3) float32, unit vectors towards the lights
+    - ``flux``: (N, 3) float64, RGB, what each light stands for: radiance x steradian
 
     A surface with normal n receives the irradiance sum of flux max(0, n . direction).
     """

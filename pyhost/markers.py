@@ -8,8 +8,8 @@ import numpy as np
 def mark_pixels(image: np.ndarray, pixel: np.ndarray, size: int, colour: tuple[float, float, float]) -> None:
     """Paint a ``size`` x ``size`` square round each pixel into ``image``, in place.
 
-    ``image``  (H, W, 3)
-    ``pixel``  (N, 2) integers (x, y)
+    - ``image``: (H, W, 3)
+    - ``pixel``: (N, 2) integers (x, y)
 
     Squares wrap from the left edge to the right one, where the map meets itself, and are clipped at the
     poles. A square of even size reaches one pixel further to the right and down.

@@ -2,11 +2,11 @@
 
 Four estimators, all unbiased. What a sample a pixel of each is:
 
-``light``    a direction drawn as the light is: the least work; half of them lie below the horizon
-``bsdf``     a direction drawn as the cosine is: good only where the light is much the same from everywhere
-``mis``      one of both, weighted by the power heuristic: never much worse than the better of them
-``product``  a direction drawn as light times cosine, nearly: by far the least noise, for tables that cost
-             a few milliseconds, and for no surface but a diffuse one
+- ``light``: a direction drawn as the light is: the least work; half of them lie below the horizon
+- ``bsdf``: a direction drawn as the cosine is: good only where the light is much the same from everywhere
+- ``mis``: one of both, weighted by the power heuristic: never much worse than the better of them
+- ``product``: a direction drawn as light times cosine, nearly: by far the least noise, for tables that cost
+  a few milliseconds, and for no surface but a diffuse one
 
 The error of N independent points falls as 1 / sqrt(N), that of Sobol points faster. ``light`` and
 ``product`` look at the centres of pixels like the samples of part 2 and converge to
@@ -57,11 +57,11 @@ def render(
 ) -> Iterator[tuple[int, np.ndarray]]:
     """Yield (spp, image) for each of ``spp`` in increasing order; images are (R, R, 3) float32 radiance.
 
-    ``estimator``         ``light``, ``bsdf``, ``mis`` or ``product``, see above
-    ``sequence``          ``independent``, or ``sobol`` with an Owen scramble of its own for every pixel;
-                          best at powers of two
-    ``mis_compensation``  with ``mis``, draw from the light only what is above its mean, and leave the rest
-                          to the cosine's samples
+    - ``estimator``: ``light``, ``bsdf``, ``mis`` or ``product``, see above
+    - ``sequence``: ``independent``, or ``sobol`` with an Owen scramble of its own for every pixel; best at
+      powers of two
+    - ``mis_compensation``: with ``mis``, draw from the light only what is above its mean, and leave the rest
+      to the cosine's samples
 
     An image of more samples continues the one of fewer, so all cost as much as the largest. A black map
     gives black. Raises :class:`LightdomeError` for a resolution or a number of samples out of range, for

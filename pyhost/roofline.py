@@ -50,9 +50,9 @@ AXES = ("map", "resolution", "N")
 class Limits:
     """What the device can do at most.
 
-    ``copies``          bytes a second, read and written, by the bytes that a copy touches
-    ``multiply_adds``   float32 multiply-adds a second
-    ``launch_seconds``  wall time of a kernel that does nothing, from the call until it is known to be done
+    - ``copies``: bytes a second, read and written, by the bytes that a copy touches
+    - ``multiply_adds``: float32 multiply-adds a second
+    - ``launch_seconds``: wall time of a kernel that does nothing, from the call until it is known to be done
     """
 
     copies: dict[int, float]

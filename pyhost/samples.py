@@ -25,11 +25,11 @@ SEQUENCES = ("independent", "stratified", "sobol", "r2")
 class Samples:
     """N samples of an environment map of ``map_shape`` = (H, W).
 
-    ``direction``    (N, 3) float32, unit vectors towards the light
-    ``radiance``     (N, 3) float32, of the chosen pixels
-    ``probability``  (N,) float32, the discrete p(x, y) of the chosen pixels
-    ``pixel``        (N, 2) int32, (x, y)
-    ``sequence``, ``seed``, ``version``  what drew them; the same three draw them again
+    - ``direction``: (N, 3) float32, unit vectors towards the light
+    - ``radiance``: (N, 3) float32, of the chosen pixels
+    - ``probability``: (N,) float32, the discrete p(x, y) of the chosen pixels
+    - ``pixel``: (N, 2) int32, (x, y)
+    - ``sequence``, ``seed``, ``version``: what drew them; the same three draw them again
     """
 
     direction: np.ndarray

@@ -39,12 +39,12 @@ def shade(
 ) -> np.ndarray:
     """Light the sphere with N directional lights: the image is (R, R, 3) float32, radiance.
 
-    ``direction``  (N, 3) unit vectors towards the lights
-    ``flux``       (N, 3) what each stands for, radiance x steradian
+    - ``direction``: (N, 3) unit vectors towards the lights
+    - ``flux``: (N, 3) what each stands for, radiance x steradian
+    - ``brute_force``: evaluate every pair of pixel and light: for comparison, the image is the same
 
     A pixel is albedo / pi times the sum of flux max(0, n . direction); outside the disc it is 0. What exceeds
     float32's largest number becomes that number.
-    ``brute_force`` evaluates every pair of pixel and light: for comparison, the image is the same.
     Raises :class:`LightdomeError` for a resolution outside 1 to 16384.
     """
     check_resolution(resolution)

@@ -14,8 +14,9 @@ ROOFLINE_QUICK = (512, 2048), (255, 511), (64, 1024, 65536)
 
 def main() -> None:
     parser = cli.parser(
-        "Measure every method's error and run time on one map, against the exact image. Writes bench.csv,"
-        " bench.json and plots: error against time, error against count, stages, images.",
+        "Measure every method's error and run time on one map, against the exact image.\n\n"
+        "Writes bench.csv, bench.json (errors relative to the exact image, times in seconds) and plots: error against"
+        " time, error against count, stages, images.",
         "scripts/bench.py --quick",
         "out/bench",
     )
@@ -30,7 +31,11 @@ def main() -> None:
     )
     parser.add_argument("--methods", nargs="+", metavar="NAME", help="methods to measure (default: all)")
     parser.add_argument(
-        "--peers", nargs="+", choices=["numpy", "mitsuba", "pbrt"], default=[], help="other programs to measure too"
+        "--peers",
+        nargs="+",
+        choices=["numpy", "mitsuba", "pbrt"],
+        default=[],
+        help="other programs to measure too (default: none)",
     )
     parser.add_argument(
         "--pbrt", nargs="+", default=[], metavar="PATH", help="PBRT programs, or their folders (default: pbrt on PATH)"
@@ -38,7 +43,9 @@ def main() -> None:
     parser.add_argument(
         "--spp", type=cli.positive_int, nargs="+", default=[8, 16, 32, 64], metavar="N", help="samples a pixel"
     )
-    parser.add_argument("--resolution", type=cli.positive_int, default=511, metavar="R", help="pixels a side")
+    parser.add_argument(
+        "--resolution", type=cli.positive_int, default=511, metavar="R", help="width and height of the images in pixels"
+    )
     parser.add_argument("--seeds", type=cli.positive_int, default=8, metavar="N", help="seeds for the errors")
     parser.add_argument("--repeats", type=cli.positive_int, default=5, metavar="N", help="runs for the times")
     parser.add_argument("--quick", action="store_true", help="smaller image, fewer counts, seeds and repeats: a minute")

@@ -250,7 +250,7 @@ def main() -> None:
     out = Path(__file__).resolve().parent.parent / "data" / "grace_latlong.exr"
     parser = argparse.ArgumentParser(
         description="Fetch the Grace Cathedral light probe (Paul Debevec, 1998/1999; 1024 x 512, EXR).",
-        epilog="example: get_grace.py --from ~/Downloads/grace_latlong.exr",
+        epilog="example: scripts/get_grace.py --from ~/Downloads/grace_latlong.exr",
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     parser.add_argument("--from", dest="source", default=URL, metavar="FILE_OR_URL", help="where to get it")

@@ -703,7 +703,7 @@ def write(path: Path, pixels: NDArray[np.float16]) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(
         description="Make the default environment map: a vaulted chapel at dusk, ray traced with numpy.",
-        epilog="example: make_default_map.py --out /tmp/chapel.exr",
+        epilog="example: scripts/make_default_map.py --out chapel.exr",
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     default = Path(__file__).resolve().parent.parent / "data" / "default.exr"

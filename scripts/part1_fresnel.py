@@ -15,14 +15,15 @@ from lightdome.fresnel import Summary, summarise
 def parse_arguments() -> argparse.Namespace:
     """The command line."""
     parser = cli.parser(
-        "Plot the Fresnel reflectance of a dielectric in air over the angle of incidence, 0 to 90 degrees,"
-        " entering and leaving it, beside Schlick's approximation; tabulate the characteristic values."
-        " Angles are in degrees, reflectances are fractions of the incident power. Needs no OpenCL device.",
-        example="part1_fresnel.py --eta 1.5 --out out/glass",
+        "Plot the Fresnel reflectance of a dielectric in air, beside Schlick's approximation.\n\n"
+        "The angle of incidence runs from 0 to 90 degrees, for light that enters the material and for light that"
+        " leaves it. Writes plots as .png and .svg, and the characteristic values to fresnel.json: angles in degrees,"
+        " reflectances as fractions of the incident power. Needs no OpenCL device.",
+        example="scripts/part1_fresnel.py --eta 1.5 --out out/glass",
         out="out/part1",
     )
     parser.add_argument(
-        "--eta", type=cli.positive_float, default=1.4, metavar="N", help="refractive index of the material"
+        "--eta", type=cli.positive_float, default=1.4, metavar="N", help="refractive index of the material, air being 1"
     )
     return parser.parse_args()
 

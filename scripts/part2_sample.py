@@ -22,8 +22,9 @@ BYTES_A_PIXEL = 90  # of the map in the host's memory, at the peak: tone mapping
 
 def main() -> None:
     parser = cli.parser(
-        "Draw directions from an environment map with probability proportional to luminance x sin(theta)."
-        " Writes samples_N.npz, the marked map as em_N.pfm, em_N.ppm and em_N.png, and settings.json.",
+        "Draw directions from an environment map with probability proportional to luminance x sin(theta).\n\n"
+        "Writes samples_N.npz, and em_N.pfm, em_N.ppm and em_N.png: the map with a square on each pixel drawn."
+        " settings.json says what made them.",
         "scripts/part2_sample.py --counts 64 256 --seed 1",
         "out/part2",
     )

@@ -9,8 +9,9 @@ from lightdome.errors import LightdomeError
 
 def main() -> None:
     parser = cli.parser(
-        "Shade a diffuse sphere with sets of light samples, each set shared by all pixels."
-        " Writes sphere_N.pfm, sphere_N.ppm, sphere_N.png and settings.json.",
+        "Shade a diffuse sphere with sets of light samples, each set shared by all pixels.\n\n"
+        "Writes sphere_N.pfm (linear radiance), sphere_N.ppm and sphere_N.png for a set of N samples."
+        " settings.json says what made them.",
         "scripts/part3_shade.py out/part2/samples_*.npz",
         "out/part3",
     )

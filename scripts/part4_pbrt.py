@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 def parse_arguments() -> argparse.Namespace:
     """The command line."""
     parser = cli.parser(
-        "Render a diffuse sphere under an environment map with N samples a pixel, fresh for every pixel."
-        " Writes sphere_Nspp.pfm, sphere_Nspp.ppm, sphere_Nspp.png and settings.json, and the scenes for PBRT-v3 and"
-        " PBRT-v4 into the folder pbrt.",
-        example="scripts/part4_pbrt.py --spp 16 64 --pbrt ~/pbrt-v4/build",
+        "Render a diffuse sphere under an environment map with fresh samples for every pixel.\n\n"
+        "Writes sphere_Nspp.pfm (linear radiance), sphere_Nspp.ppm and sphere_Nspp.png for N samples a pixel, and the"
+        " scenes for PBRT-v3 and PBRT-v4 into the folder pbrt. settings.json says what made the images.",
+        example="scripts/part4_pbrt.py --spp 16 64 --seed 1",
         out="out/part4",
     )
     cli.map_options(parser)

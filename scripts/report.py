@@ -61,10 +61,10 @@ def run(script: str, *options: object) -> int:
 
 def main() -> None:
     parser = cli.parser(
-        "Write report.pdf, typeset, and lightdome-report.zip with it and every .pfm and .ppm. Results of parts 1 to 4,"
-        " bench.py and stability.py are taken from the folders part1 to part4, bench and stability beside DIR if they"
-        " are of this map and version; the others are run, into DIR. All of it afresh takes about half an hour"
-        " on two cores, most of it bench.py.",
+        "Write report.pdf, typeset, and lightdome-report.zip with it and every .pfm and .ppm.\n\n"
+        "Results of parts 1 to 4, bench.py and stability.py are taken from the folders part1 to part4, bench and"
+        " stability beside DIR if they are of this map and version; the others are run, into DIR. All of it afresh"
+        " takes about half an hour on two cores, most of it bench.py.",
         "scripts/report.py --quick",
         "out/report",
     )

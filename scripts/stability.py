@@ -11,13 +11,15 @@ DRAWS, QUICK_DRAWS = 10_000_000, 200_000
 
 def main() -> None:
     parser = cli.parser(
-        "Run stiff and extreme cases: probabilities, sums, CDFs, draws and images in float32 against float64. Writes"
-        " stability.csv, stability.json, stability.md and stability.png; exits with 1 if a case fails.",
+        "Check probabilities, sums, CDFs, draws and images on maps that break samplers, against float64.\n\n"
+        "Writes stability.csv, stability.json, stability.md and stability.png; exits with 1 if a case fails.",
         "scripts/stability.py --quick",
         "out/stability",
     )
     parser.add_argument("--quick", action="store_true", help="no large case, and fewer draws: half a minute")
-    parser.add_argument("--peers", nargs="+", choices=["mitsuba"], default=[], help="other programs to measure too")
+    parser.add_argument(
+        "--peers", nargs="+", choices=["mitsuba"], default=[], help="other programs to measure too (default: none)"
+    )
     cli.device_option(parser)
     run(parser.parse_args())
 

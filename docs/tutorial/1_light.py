@@ -1,0 +1,36 @@
+#!/usr/bin/env python3
+"""Lesson 1: from a map to samples to a sphere. Usage: 1_light.py [MAP]"""
+
+import sys
+from pathlib import Path
+
+import lightdome
+
+path = Path(sys.argv[1] if len(sys.argv) > 1 else "data/default.exr")
+out = Path("out/tutorial")
+out.mkdir(parents=True, exist_ok=True)
+
+# A map is radiance by direction: (H, W, 3), row 0 is straight up.
+envmap = lightdome.EnvironmentMap.read(path)
+print(f"{path}: {envmap.width} x {envmap.height}, brightest value {envmap.peak:g}")
+
+# Its distribution lives on a device. The flux is the integral of (R + G + B) / 3 over all directions.
+device = lightdome.open_device()
+distribution = lightdome.build_distribution(device, envmap)
+print(f"{device.description}\nflux {distribution.flux:.4f}")
+
+# Samples are arrays of numpy's. A pixel is drawn as often as light comes from it.
+samples = distribution.sample(1024, seed=1)
+x, y = samples.pixel[0]
+print(f"first sample: pixel ({x}, {y}), direction {samples.direction[0]}, radiance {samples.radiance[0]}")
+print(f"  drawn with probability {samples.probability[0]:.3g}, density {samples.density[0]:.3g} per steradian")
+
+# Each stands for a share of the light, and together they are all of it: since they are drawn by (R + G + B) / 3,
+# every one has the same share of that. It is only where they come from that is random.
+print(f"flux of the samples: {samples.flux.mean(axis=1).sum():.4f}")
+
+# The same samples light every pixel of the sphere. Linear radiance goes into a .pfm, a picture for the eye into a .png.
+image = lightdome.shade_samples(device, samples, resolution=255)
+lightdome.write_image(out / "sphere.pfm", image)
+lightdome.write_image(out / "sphere.png", lightdome.tone_map(image, lightdome.auto_exposure(image)))
+print(f"wrote {out}/sphere.pfm and sphere.png")

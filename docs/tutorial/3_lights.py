@@ -1,0 +1,36 @@
+#!/usr/bin/env python3
+"""Lesson 3: a map as a few lights, for a renderer without environment maps. Usage: 3_lights.py [MAP]"""
+
+import sys
+from pathlib import Path
+
+import lightdome
+from lightdome.reference import relative_rmse
+
+SIZE = 255
+
+path = Path(sys.argv[1] if len(sys.argv) > 1 else "data/default.exr")
+out = Path("out/tutorial")
+out.mkdir(parents=True, exist_ok=True)
+device = lightdome.open_device()
+envmap = lightdome.EnvironmentMap.read(path)
+distribution = lightdome.build_distribution(device, envmap)
+truth = lightdome.exact(device, envmap, SIZE)
+
+# Median cut: rectangles of equal energy, each one light. No chance, so no noise, and any number will do.
+for count in (4, 16, 64, 100):
+    lights = lightdome.median_cut(distribution, count)
+    image = lightdome.shade(device, lights.direction, lights.flux, SIZE)
+    print(f"{count:>4} lights: {100 * relative_rmse(image, truth):6.2f} % from the exact image")
+
+# One light a line: the direction towards it, and its flux, which is the irradiance of a surface that faces it.
+lightdome.write_csv(out / "lights.csv", lights)
+lightdome.write_pbrt(out / "lights.pbrt", lights)
+print((out / "lights.csv").read_text().partition("\n")[0])
+print(f"wrote {out}/lights.csv and lights.pbrt, {len(lights)} lights")
+
+# Or no lights at all: nine numbers a channel, for a shader.
+harmonics = lightdome.project(device, envmap, order=2)
+image = lightdome.shade_harmonics(device, harmonics, SIZE)
+print(f"9 harmonics: {100 * relative_rmse(image, truth):6.2f} %")
+print(harmonics.coefficients.round(4))

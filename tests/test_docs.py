@@ -1,0 +1,196 @@
+"""What the documentation says holds: its commands and programs run, its links and file names lead somewhere.
+
+In a block tagged ``sh`` every line is a command, run from the clone's folder with ``.venv`` active and with the
+arguments of ``CHEAP`` added. A line, or the first line for the whole block, may say ``# not run by the tests: `` and
+why. A block tagged ``python`` is run as it is,
+but for its resolution. All blocks of a page run in one folder, one after another.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from configparser import ConfigParser
+from pathlib import Path
+
+import lightdome
+import pytest
+from conftest import ROOT, Script
+
+PAGES = [*ROOT.glob("*.md"), ROOT / "data" / "README.md", *(ROOT / "docs").rglob("*.md")]
+SCRIPTS = sorted(path.stem for path in (ROOT / "scripts").glob("*.py"))
+LANGUAGES = {"sh", "python", "math", "bibtex", "text"}
+NOT_RUN = "# not run by the tests: "
+
+# What makes a command cheap; the last of two equal options counts.
+CHEAP = {
+    "python tests/fuzz.py": "--count 20",
+    "scripts/bench.py": "--methods sobol mis --resolution 31 --counts 16 --spp 2 --seeds 1 --repeats 1",
+    "scripts/part3_shade.py": "--resolution 31",
+    "scripts/part4_pbrt.py": "--spp 1 2 --resolution 31",
+    "scripts/test": "--collect-only",
+}
+
+# In place of scripts/setup.sh: the machine is set up.
+SET_UP = f"""\
+root=$(CDPATH='' cd -- "$(dirname -- "${{BASH_SOURCE[0]}}")/.." && pwd)
+python={sys.executable!r}
+set_up() {{ :; }}
+"""
+
+
+def blocks(text: str) -> list[tuple[str, str]]:
+    """(language, content) of the fenced blocks."""
+    return re.findall(r"^```(\w*)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+
+
+def prose(text: str) -> str:
+    """The text without its fenced blocks."""
+    return re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+
+
+def commands(block: str) -> Iterator[str]:
+    """The commands of a block that are to be run."""
+    for line in block.splitlines():
+        command, marked, reason = line.partition(NOT_RUN)
+        assert not marked or len(reason.split()) > 1, f"no reason: {line}"
+        if marked and not command:
+            return
+        command = command.partition("#")[0].strip()
+        if command and not marked:
+            yield command
+
+
+@pytest.fixture
+def clone(tmp_path: Path) -> Path:
+    """A clone that is set up, in which commands may write."""
+    for path in ROOT.iterdir():
+        if path.name not in (".git", ".venv", "out", "data", "scripts"):
+            (tmp_path / path.name).symlink_to(path)
+    (tmp_path / ".venv").symlink_to(sys.prefix)
+    (tmp_path / "data").mkdir()
+    for path in (ROOT / "data").iterdir():
+        (tmp_path / "data" / path.name).symlink_to(path)
+    shutil.copytree(ROOT / "scripts", tmp_path / "scripts")
+    (tmp_path / "scripts" / "setup.sh").write_text(SET_UP)
+    return tmp_path
+
+
+def run(clone: Path, command: str) -> None:
+    """Run a command as a reader does, made cheap."""
+    cheap = [arguments for name, arguments in CHEAP.items() if f"{command} ".startswith(f"{name} ")]
+    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    result = subprocess.run(
+        ["bash", "-c", " ".join([command, *cheap])],
+        cwd=clone,
+        env={**os.environ, "PATH": path},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert result.returncode == 0, f"{command}\n{result.stdout}{result.stderr}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_commands_and_programs_run(page: Path, clone: Path) -> None:
+    for language, block in blocks(page.read_text(encoding="utf-8")):
+        assert language in LANGUAGES, f"a block tagged {language!r}"
+        if language == "sh":
+            for command in commands(block):
+                run(clone, command)
+        elif language == "python":
+            (clone / "block.py").write_text(block.replace("resolution=511", "resolution=51"))
+            run(clone, "python block.py")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_no_command_hides_outside_of_a_block(page: Path) -> None:
+    program = r"(?:(?:scripts|tests|\.venv/bin)/[^\s`]+|python3?|pip|git|apt-get|pytest|ruff)"
+    text = prose(page.read_text(encoding="utf-8"))
+    assert not re.findall(rf"^ {{4,}}{program} .*", text, re.MULTILINE)
+    assert not re.findall(rf"`{program} [^`]+`", text)
+
+
+def anchors(page: Path) -> set[str]:
+    """The anchors of a page's headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.*)$", prose(page.read_text(encoding="utf-8")), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_and_images_resolve(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)]+)\)", prose(page.read_text(encoding="utf-8"))):
+        if re.match(r"https?:", target):
+            continue
+        name, _, anchor = target.partition("#")
+        path = (page.parent / name).resolve() if name else page
+        assert path.exists(), target
+        assert not anchor or anchor in anchors(path), target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_files_that_are_named_are_there(page: Path) -> None:
+    ours = {
+        path.name
+        for folder in ("clkernels", "pyhost", "scripts", "tests", "docs")
+        for path in (ROOT / folder).rglob("*")
+    }
+    for name in re.findall(r"`(?:\w+/)*(\w+\.(?:py|cl|clh|sh))`", page.read_text(encoding="utf-8")):
+        assert name in ours, name
+
+
+def test_every_lesson_of_the_tutorial_is_run_and_listed() -> None:
+    tutorial = ROOT / "docs" / "tutorial"
+    text = (tutorial / "README.md").read_text(encoding="utf-8")
+    lessons = sorted(path.name for path in tutorial.glob("*.py"))
+    run_there = [command for language, block in blocks(text) if language == "sh" for command in commands(block)]
+    assert run_there == [f"docs/tutorial/{name}" for name in lessons]
+    assert re.findall(r"^\d\. \[(.*?)\]", text, re.MULTILINE) == lessons
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_help_says_the_defaults_and_its_example_runs(name: str, script: Script, clone: Path) -> None:
+    result = script(name, "--help", COLUMNS="1000")
+    assert result.returncode == 0, result.stderr
+    text = re.sub(r"\n {10,}", "   ", result.stdout)  # the help of a long option is on the next line
+    described = re.findall(r"^  (--\S+(?: \S+)*)(?: {2,}(.*))?$", text, re.MULTILINE)
+    assert described
+    for option, meaning in described:
+        assert meaning, option
+        assert " " not in option or "default: " in meaning, option
+    (example,) = re.findall(r"^example: (.*)$", result.stdout, re.MULTILINE)
+    assert example.startswith(f"scripts/{name}.py ")
+    if name == "part3_shade":
+        run(clone, "scripts/part2_sample.py")
+    if name.startswith("part") or name == "bench":  # the others have tests of their own
+        run(clone, example)
+
+
+def test_the_api_reference_builds_without_a_warning(tmp_path: Path) -> None:
+    pytest.importorskip("pdoc", reason="needs the extra [docs]")
+    result = subprocess.run(
+        [sys.executable, ROOT / "docs" / "api.py", tmp_path], capture_output=True, text=True, timeout=120
+    )
+    assert result.returncode == 0, result.stderr
+    assert not result.stderr
+    index = (tmp_path / "lightdome.html").read_text(encoding="utf-8")
+    for name in lightdome.__all__:
+        assert f'id="{name}"' in index, name
+    for page in (tmp_path / "lightdome").iterdir():
+        for text in re.findall(r'<div class="docstring">(.*?)</div>', page.read_text(encoding="utf-8"), re.DOTALL):
+            assert "</code>  " not in text, f"{page.name}: a list that is not written as one: {text}"
+    modules = {path.stem for path in (ROOT / "pyhost").glob("*.py")} - {"__init__"}
+    assert {path.stem for path in (tmp_path / "lightdome").glob("*.html")} == modules
+
+
+def test_versions_agree() -> None:
+    metadata = ConfigParser()
+    metadata.read(ROOT / "setup.cfg")
+    assert metadata["metadata"]["version"] == lightdome.__version__
+    assert f"\nversion: {lightdome.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\n## {lightdome.__version__} - " in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
