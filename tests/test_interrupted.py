@@ -135,7 +135,7 @@ def make_inputs(folder: Path) -> Path:
     [("part2_sample", signal.SIGKILL), ("part2_sample", signal.SIGTERM), ("part3_shade", signal.SIGINT)],
 )
 def test_a_run_that_is_stopped_leaves_no_half_file(name: str, number: signal.Signals, inputs: Path) -> None:
-    stop_at_random(name, number, 4, inputs)
+    stop_at_random(name, number, 3, inputs)
 
 
 def test_caches_whose_writing_was_stopped_are_used(inputs: Path) -> None:
