@@ -48,6 +48,8 @@ def shade(
     Raises :class:`LightdomeError` for a resolution outside 1 to 16384.
     """
     check_resolution(resolution)
+    if len(direction) == 0:
+        return np.zeros((resolution, resolution, 3), np.float32)
     reflected = np.asarray(flux, np.float64) * (albedo / np.pi)
     exponent = light_exponent(reflected.sum(axis=0).max())
     if exponent:
@@ -93,7 +95,7 @@ def shade(
 
 def _grouped(device: Device, light: np.ndarray) -> tuple[DeviceArray | np.uint32, ...]:
     """Lights (N, 6) as ``shade_tiles.cl`` takes them: sorted by place, with the bounds and matrices of groups."""
-    order = np.argsort(_places(light[:, :3]))
+    order = np.argsort(_places(light[:, :3]), kind="stable")  # the same image from every numpy
     count = -(-len(light) // LANES) * LANES
     rows = np.zeros((6, count), np.float32)
     rows[:, : len(light)] = light[order].T

@@ -65,6 +65,12 @@ def test_the_exact_image_meets_the_float64_sum(device: Device) -> None:
     np.testing.assert_allclose(image[mask], expected, rtol=2e-6)
 
 
+def test_no_light_is_black(device: Device) -> None:
+    image = shade(device, np.zeros((0, 3)), np.zeros((0, 3)), 16)
+    assert image.shape == (16, 16, 3)
+    assert not image.any()
+
+
 @pytest.mark.parametrize("count", [21 * SAMPLES_A_ROW - 1, 21 * SAMPLES_A_ROW, 40_000])
 def test_samples_that_share_pixels_give_the_same_image(device: Device, stiff: EnvironmentMap, count: int) -> None:
     samples = build_distribution(device, stiff).sample(count, seed=4)
