@@ -1,13 +1,11 @@
-// Guide tables: where in an integer CDF (prefix_sum.clh) the search for u begins and ends.
+// Guide tables: where in an integer CDF (prefix_sum.clh) searches end, for all u of a bucket b = u >> shift.
 //
-//     guide(b) = first i with cdf[i] > u total / 2^32, for the least u of bucket b = u >> shift
-//
-// The search for u in bucket b ends from guide(b) to guide(b + 1): most often these are the same, and nothing is left
-// to search. Source: Chen and Asau, On Generating Random Variates from an Empirical Distribution (1974); Devroye,
-// Non-Uniform Random Variate Generation (1986), III.2.4.
+// Most buckets hold no step of the CDF, or one to its next entry: then a comparison is all that is left of a search.
+// Source: Chen and Asau, On Generating Random Variates from an Empirical Distribution (1974); Devroye, Non-Uniform
+// Random Variate Generation (1986), III.2.4; the split in a bucket's record is that of the alias method.
 //
 // cdf      n integers a CDF, one CDF after another
-// guide    (2^32 >> shift) + 1 indices a CDF, the last one n - 1; an empty CDF is never searched
+// guide    2^32 >> shift records a CDF, see guided.clh; an empty CDF is never searched
 // total    the last entry of each CDF
 //
 // One work-item a CDF.
@@ -17,21 +15,30 @@
 kernel void guide(global const uint *restrict cdf,
                   const uint n,
                   const uint shift,
-                  global guide_index *restrict guide,
+                  global uint2 *restrict guide,
                   global uint *restrict total)
 {
     const size_t row = get_global_id(0);
     const uint buckets = 1u << (32 - shift);
     cdf += row * n;
-    guide += row * (buckets + 1);
-    const uint end = cdf[n - 1];
-    total[row] = end;
-    uint i = 0;
+    guide += row * buckets;
+    const uint sum = cdf[n - 1];
+    total[row] = sum;
+    if (sum == 0)
+        return;
+    uint first = 0, end = 0;
     for (uint b = 0; b < buckets; ++b) {
-        const uint target = mul_hi(b << shift, end);
-        while (end > 0 && cdf[i] <= target)
-            ++i;
-        guide[b] = i;
+        const uint least = mul_hi(b << shift, sum), most = mul_hi((b << shift) | ((1u << shift) - 1), sum);
+        while (cdf[first] <= least)
+            ++first;
+        end = max(end, first);
+        while (cdf[end] <= most)
+            ++end;
+        if (end == first)
+            guide[b] = (uint2)(UINT_MAX, first);
+        else if (end == first + 1)
+            guide[b] = (uint2)((uint)((((ulong)cdf[first] << 32) - 1) / sum), first);
+        else
+            guide[b] = (uint2)(end, first | SEVERAL_STEPS);
     }
-    guide[buckets] = n - 1;
 }

@@ -83,8 +83,8 @@ static inline void add_weighted(private block3 *sum, private const block3 *L, pr
 static inline void light_samples(const Light *light, private const block3 *n, private const uint *across,
                                  private const uint *down, private block3 *sum)
 {
-    uint x[BLOCK], y[BLOCK], target_x[BLOCK], target_y[BLOCK];
-    pick_pixels(&light->map, across, down, BLOCK, x, y, target_x, target_y);
+    uint x[BLOCK], y[BLOCK];
+    pick_pixels(&light->map, across, down, BLOCK, x, y);
     float sin_theta[BLOCK], cos_theta[BLOCK], sin_phi[BLOCK], cos_phi[BLOCK];
     GATHER
     for (uint k = 0; k < BLOCK; ++k) {
@@ -106,11 +106,11 @@ static inline void light_samples(const Light *light, private const block3 *n, pr
 
 #elif defined(ESTIMATOR_MIS)
 
-// Where in its step of a CDF, which ends at `at`, a point lay, 0 to 1.
-static inline float rest(global const uint *at, bool first, uint target, uint low)
+// Where in its step of a CDF, which ends at `at` and all of it at `total`, u lay, 0 to 1.
+static inline float rest(global const uint *at, bool first, uint u, uint total)
 {
     const uint below = first ? 0u : at[-1];
-    return ((float)(target - below) + (float)low * FRACTION) / (float)(at[0] - below);
+    return ((float)(mul_hi(u, total) - below) + (float)(u * total) * FRACTION) / (float)(at[0] - below);
 }
 
 // c L / S_c with its weight q^2 / (q^2 + c^2) is L k / (q / c + c / q): no square that could leave the range.
@@ -118,19 +118,19 @@ static inline void light_samples(const Light *light, private const block3 *n, pr
                                  private const uint *down, private block3 *sum)
 {
     const guided_map *map = &light->map;
-    uint x[BLOCK], y[BLOCK], target_x[BLOCK], target_y[BLOCK];
-    pick_pixels(map, across, down, BLOCK, x, y, target_x, target_y);
+    uint x[BLOCK], y[BLOCK];
+    pick_pixels(map, across, down, BLOCK, x, y);
     const uint total = map->marginal_cdf[map->height - 1];
     float cos_theta[BLOCK], turn[BLOCK];
     GATHER
     for (uint k = 0; k < BLOCK; ++k) {
-        const float v = rest(map->marginal_cdf + y[k], y[k] == 0, target_y[k], down[k] * total);
+        const float v = rest(map->marginal_cdf + y[k], y[k] == 0, down[k], total);
         cos_theta[k] = mix(light->edge[y[k]], light->edge[y[k] + 1], v);
     }
     GATHER
     for (uint k = 0; k < BLOCK; ++k) {
         global const uint *at = map->row_cdf + (size_t)y[k] * map->width + x[k];
-        turn[k] = x[k] + rest(at, x[k] == 0, target_x[k], across[k] * map->row_total[y[k]]);
+        turn[k] = x[k] + rest(at, x[k] == 0, across[k], map->row_total[y[k]]);
     }
     block3 L;
     radiance_at(light, x, y, &L);
@@ -194,8 +194,8 @@ static inline void bsdf_samples(const Light *light, private const block3 *n, pri
 kernel void render(global const uint *restrict row_cdf,
                    global const uint *restrict marginal_cdf,
                    global const float *restrict radiance,
-                   global const guide_index *restrict marginal_guide,
-                   global const guide_index *restrict row_guide,
+                   global const uint2 *restrict marginal_guide,
+                   global const uint2 *restrict row_guide,
                    global const uint *restrict row_total,
                    const uint marginal_shift,
                    const uint row_shift,
@@ -220,23 +220,22 @@ kernel void render(global const uint *restrict row_cdf,
     const Light light = {map, radiance, theta, phi, edge, scale, offset, k_light};
 
     const uint first = get_global_id(0) * BLOCK;
-    uint index[BLOCK], zero[BLOCK], scramble_x[BLOCK], scramble_y[BLOCK];
+    uint index[BLOCK], kept_x[BLOCK], kept_y[BLOCK];
     block3 normal;
     for (uint k = 0; k < BLOCK; ++k) {
         const uint2 at = disc[min(first + k, pixel_count - 1)];
         const float3 n = pixel_normal(at.x, at.y, resolution);
         index[k] = at.y * resolution + at.x;
-        zero[k] = 0;
         normal.x[k] = n.x;
         normal.y[k] = n.y;
         normal.z[k] = n.z;
     }
-    random_block(zero, index, 1u, seed, scramble_x, scramble_y);
+    begin_streams(begin, index, seed, kept_x, kept_y);
 #ifdef ESTIMATOR_MIS
     uint second[BLOCK], second_x[BLOCK], second_y[BLOCK];
     for (uint k = 0; k < BLOCK; ++k)
         second[k] = index[k] | 0x80000000u;
-    random_block(zero, second, 1u, seed, second_x, second_y);
+    begin_streams(begin, second, seed, second_x, second_y);
 #endif
 
     block3 samples;
@@ -244,14 +243,14 @@ kernel void render(global const uint *restrict row_cdf,
         samples.x[k] = samples.y[k] = samples.z[k] = 0.0f;
     for (uint s = begin; s < end; ++s) {
         uint u[BLOCK], v[BLOCK];
-        sequence_streams(s, index, seed, scramble_x, scramble_y, u, v);
+        next_points(s, index, seed, kept_x, kept_y, u, v);
 #ifdef ESTIMATOR_BSDF
         bsdf_samples(&light, &normal, u, v, &samples);
 #else
         light_samples(&light, &normal, u, v, &samples);
 #endif
 #ifdef ESTIMATOR_MIS
-        sequence_streams(s, second, seed, second_x, second_y, u, v);
+        next_points(s, second, seed, second_x, second_y, u, v);
         bsdf_samples(&light, &normal, u, v, &samples);
 #endif
     }

@@ -10,6 +10,7 @@
 // theta, phi              (sin, cos) of every row and of every column
 // scale, inverse_total    powers and reciprocals that make p a probability
 // points                  (count, 2) fractions of 2^32 instead of the sequence
+// with PIXELS             pixels and probabilities only; with GUIDED too, radiance holds f (map_weights.cl)
 //
 // One work-item BLOCK samples, in short loops that compilers turn into vectors.
 
@@ -18,6 +19,7 @@
 #include "sequence.clh"
 #endif
 #include "invert_cdf.clh"
+#include "stream.clh"
 
 #pragma OPENCL FP_CONTRACT OFF
 
@@ -25,8 +27,8 @@ kernel void sample(global const uint *restrict row_cdf,
                    global const uint *restrict marginal_cdf,
                    global const float *restrict radiance,
 #ifdef GUIDED
-                   global const guide_index *restrict marginal_guide,
-                   global const guide_index *restrict row_guide,
+                   global const uint2 *restrict marginal_guide,
+                   global const uint2 *restrict row_guide,
                    global const uint *restrict row_total,
                    const uint marginal_shift,
                    const uint row_shift,
@@ -43,10 +45,12 @@ kernel void sample(global const uint *restrict row_cdf,
 #else
                    const uint2 seed,
 #endif
-                   global int *restrict pixel,
-                   global float *restrict probability,
+#ifndef PIXELS
                    global float *restrict direction,
-                   global float *restrict sample_radiance)
+                   global float *restrict sample_radiance,
+#endif
+                   global int *restrict pixel,
+                   global float *restrict probability)
 {
     const uint begin = get_global_id(0) * BLOCK, n = min((uint)BLOCK, count - begin);
     uint across[BLOCK], down[BLOCK], x[BLOCK], y[BLOCK];
@@ -56,16 +60,13 @@ kernel void sample(global const uint *restrict row_cdf,
         down[k] = points[begin + k].y;
     }
 #else
-    for (uint k = 0; k < BLOCK; ++k)
-        x[k] = begin + k;
-    sequence_block(x, count, 0u, seed, across, down);
+    sequence_block(begin, count, 0u, seed, across, down);
 #endif
 
 #ifdef GUIDED
     const guided_map map = {row_cdf,   marginal_cdf,   marginal_guide, row_guide, row_total,
                             marginal_shift, row_shift, width,          height};
-    uint target_x[BLOCK], target_y[BLOCK];
-    pick_pixels(&map, across, down, n, x, y, target_x, target_y);
+    pick_pixels(&map, across, down, n, x, y);
 #else
     for (uint k = 0; k < n; ++k) {
         y[k] = invert_cdf(marginal_cdf, height, down[k]);
@@ -73,46 +74,61 @@ kernel void sample(global const uint *restrict row_cdf,
     }
 #endif
 
+    float f[BLOCK], sin_theta[BLOCK], cos_theta[BLOCK];
+#if defined(PIXELS) && defined(GUIDED)
+    for (uint k = 0; k < n; ++k)
+        PREFETCH(radiance + (size_t)y[k] * width + x[k]);
+    GATHER
+    for (uint k = 0; k < n; ++k)
+        f[k] = radiance[(size_t)y[k] * width + x[k]];
+#else
+    float red[BLOCK], green[BLOCK], blue[BLOCK];
     for (uint k = 0; k < n; ++k)
         PREFETCH(radiance + 3 * ((size_t)y[k] * width + x[k]));
-    float red[BLOCK], green[BLOCK], blue[BLOCK];
-    float sin_theta[BLOCK], cos_theta[BLOCK], sin_phi[BLOCK], cos_phi[BLOCK];
     GATHER
     for (uint k = 0; k < n; ++k) {
-        const size_t i = (size_t)y[k] * width + x[k];
-        const float3 L = vload3(i, radiance);
+        const float3 L = vload3((size_t)y[k] * width + x[k], radiance);
         red[k] = L.x;
         green[k] = L.y;
         blue[k] = L.z;
     }
+    for (uint k = 0; k < n; ++k)
+        f[k] = red[k] * scale + green[k] * scale + blue[k] * scale;
+#endif
+    float sin_phi[BLOCK], cos_phi[BLOCK];
     GATHER
     for (uint k = 0; k < n; ++k) {
-        const float2 t = theta[y[k]], p = phi[x[k]];
+        const float2 t = theta[y[k]];
         sin_theta[k] = t.x;
         cos_theta[k] = t.y;
+#ifndef PIXELS
+        const float2 p = phi[x[k]];
         sin_phi[k] = p.x;
         cos_phi[k] = p.y;
+#endif
     }
 
+    uint row[3 * BLOCK];
     for (uint k = 0; k < n; ++k) {
-        const size_t i = begin + k;
-        pixel[2 * i] = x[k];
-        pixel[2 * i + 1] = y[k];
+        row[2 * k] = x[k];
+        row[2 * k + 1] = y[k];
     }
+    stream_out(row, (global uint *)pixel + 2 * (size_t)begin, 2 * n);
+    for (uint k = 0; k < n; ++k)
+        row[k] = as_uint(f[k] * (sin_theta[k] * inverse_total));
+    stream_out(row, (global uint *)probability + begin, n);
+#ifndef PIXELS
     for (uint k = 0; k < n; ++k) {
-        const float f = red[k] * scale + green[k] * scale + blue[k] * scale;
-        probability[begin + k] = f * (sin_theta[k] * inverse_total);
+        row[3 * k] = as_uint(sin_theta[k] * cos_phi[k]);
+        row[3 * k + 1] = as_uint(cos_theta[k]);
+        row[3 * k + 2] = as_uint(sin_theta[k] * sin_phi[k]);
     }
+    stream_out(row, (global uint *)direction + 3 * (size_t)begin, 3 * n);
     for (uint k = 0; k < n; ++k) {
-        const size_t i = begin + k;
-        direction[3 * i] = sin_theta[k] * cos_phi[k];
-        direction[3 * i + 1] = cos_theta[k];
-        direction[3 * i + 2] = sin_theta[k] * sin_phi[k];
+        row[3 * k] = as_uint(red[k]);
+        row[3 * k + 1] = as_uint(green[k]);
+        row[3 * k + 2] = as_uint(blue[k]);
     }
-    for (uint k = 0; k < n; ++k) {
-        const size_t i = begin + k;
-        sample_radiance[3 * i] = red[k];
-        sample_radiance[3 * i + 1] = green[k];
-        sample_radiance[3 * i + 2] = blue[k];
-    }
+    stream_out(row, (global uint *)sample_radiance + 3 * (size_t)begin, 3 * n);
+#endif
 }

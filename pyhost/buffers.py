@@ -39,13 +39,20 @@ def upload(device: Device, array: np.ndarray, stage: str = "upload") -> DeviceAr
     return DeviceArray(buffer, array.shape, array.dtype, None)
 
 
-def empty(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceArray:
-    """Room for a kernel's result, not initialised. Raises :class:`LightdomeError` if there is none."""
+def empty(device: Device, shape: int | tuple[int, ...], dtype: type, out: np.ndarray | None = None) -> DeviceArray:
+    """Room for a kernel's result, not initialised; in ``out`` where that is given and host and device share memory.
+
+    Raises :class:`LightdomeError` if there is none, or if ``out`` is not such an array.
+    """
     shape = (shape,) if isinstance(shape, int) else shape
     kind = np.dtype(dtype)
     size = math.prod(shape) * kind.itemsize
     _check_room(device, size)
-    host = _aligned(shape, kind) if device.shares_host_memory else None
+    if out is not None and not (out.shape == shape and out.dtype == kind and out.flags.carray and _is_aligned(out)):
+        raise LightdomeError(f"out is not what an earlier call returned, arrays of shape {shape} and type {kind}")
+    host = None
+    if device.shares_host_memory:
+        host = _aligned(shape, kind) if out is None else out
     return DeviceArray(_buffer(device, cl.mem_flags.READ_WRITE, size, host), shape, kind, host)
 
 
@@ -55,6 +62,10 @@ def _aligned(shape: tuple[int, ...], kind: np.dtype) -> np.ndarray:
     memory = np.empty(size + CACHE_LINE, np.uint8)
     start = -memory.ctypes.data % CACHE_LINE
     return memory[start : start + size].view(kind).reshape(shape)
+
+
+def _is_aligned(array: np.ndarray) -> bool:
+    return array.ctypes.data % CACHE_LINE == 0
 
 
 # No index overflows before a buffer is refused here, or by the host. Kernels count columns, rows and lights in 32 bits:

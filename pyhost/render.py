@@ -131,7 +131,7 @@ def _launch(
     edge = np.cos(np.pi / envmap.height * np.arange(envmap.height + 1)).astype(np.float32)
     block = 1 if device.is_gpu else PIXELS_A_BLOCK
     launch = partial(
-        device.kernel("render", BLOCK=block, **defines, **guide.defines),
+        device.kernel("render", BLOCK=block, **defines),
         device.queue,
         (-(-len(disc) // block),),
         None if block == 1 else (1,),

@@ -32,8 +32,8 @@ PAIR = 7  # operations for a pair of pixel and light
 SPP = 16  # samples a pixel of the per-pixel estimators
 ORDER = 10  # of spherical harmonics
 
-POINT = 80 + 2  # operations: Philox's 10 rounds of 4 products and 4 xors, and the two targets of a search
-SOBOL_POINT = 2 * (8 + 23) + 2  # two coordinates: Owen's scramble, the reversal of bits; and the targets
+POINT = 40  # operations: Philox's 10 rounds of 4 products and 4 xors, for two points
+SOBOL_POINT = 2 * (8 + 23)  # two coordinates: Owen's scramble, the reversal of bits
 DIRECTION = 2  # sin theta cos phi and sin theta sin phi
 # Operations of one sample: the point, the cosine (3), what it is divided by (4), the sum (3), and
 LIGHT = SOBOL_POINT + 10 + DIRECTION
@@ -42,7 +42,7 @@ OPERATIONS = {
     "light": LIGHT,
     "bsdf": BSDF,
     "mis": LIGHT + 12 + 8 + BSDF + 4,  # a place in a pixel, its sine and cosine; both weights
-    "product": LIGHT + 2,  # two more targets: the cell's
+    "product": LIGHT,
 }
 
 
@@ -122,11 +122,18 @@ class MapStages:
         work = Work(12 * pixels, 3 * (2 * ORDER + 1) * pixels, pixels, "pixels")
         yield self._stage("harmonics project", partial(project, self.device, self.envmap, ORDER), work, N=ORDER)
 
-    def sample(self, N: int) -> Stage:
-        """N directions drawn, with tables that are there."""
+    def sample(self, N: int) -> Iterator[Stage]:
+        """N directions drawn, with tables that are there; and N pixels, written over those of the run before."""
         # Pixel, probability, direction and radiance are written; a pixel's CDF and radiance are read.
         work = Work(36 * N + 16 * min(N, self.pixels), (POINT + DIRECTION + 4) * N, N, "samples")
-        return self._stage("sample", lambda: self.distribution.sample(N), work, N=N)
+        yield self._stage("sample", lambda: self.distribution.sample(N), work, N=N)
+        work = Work(12 * N + 8 * min(N, self.pixels), (POINT + 2) * N, N, "samples")
+        out: list[tuple[np.ndarray, np.ndarray]] = []
+
+        def run() -> None:
+            out[:] = [self.distribution.sample_pixels(N, out=out[0] if out else None)]
+
+        yield self._stage("sample pixels", run, work, N=N)
 
     def median_cut(self, N: int) -> Stage:
         """N lights by median cut."""
@@ -197,7 +204,8 @@ def plan(
     for index, height in enumerate((None, *heights)):
         of_map = MapStages(device, envmap if height is None else made_map(height), name if height is None else MADE)
         stages = list(of_map.tables())
-        stages += [of_map.sample(count) for count in (counts if height is None else [max(counts)])]
+        for count in counts if height is None else [max(counts)]:
+            stages += of_map.sample(count)
         cuts = [count for count in counts if count <= of_map.pixels] if height is None else [N]
         stages += [of_map.median_cut(count) for count in cuts]
         for side in resolutions if height is None else (resolution,):

@@ -8,6 +8,7 @@ import pytest
 from conftest import stiff_radiance
 from lightdome import buffers, reference
 from lightdome import distribution as distribution_module
+from lightdome import guide as guide_module
 from lightdome.device import Device
 from lightdome.distribution import build_distribution
 from lightdome.envmap import EnvironmentMap
@@ -112,8 +113,8 @@ def test_the_same_seed_gives_the_same_samples_everywhere(device: Device) -> None
     assert samples.probability.view(np.uint32).tolist() == RECORDED_BITS
 
 
-RECORDED_PIXELS = [[92, 43], [86, 24], [124, 32], [86, 31], [80, 46], [44, 45]]
-RECORDED_BITS = [962506722, 964302402, 963718062, 963718062, 958554092, 961530616]
+RECORDED_PIXELS = [[92, 43], [11, 31], [86, 24], [51, 40], [124, 32], [39, 13]]
+RECORDED_BITS = [962506722, 965082066, 964302402, 959154522, 963718062, 953574041]
 
 
 def philox(counter: list[int], key: list[int]) -> list[int]:
@@ -128,10 +129,10 @@ def philox(counter: list[int], key: list[int]) -> list[int]:
 
 def test_independent_points_are_philox(device: Device, stiff: EnvironmentMap) -> None:
     assert philox([0] * 4, [0] * 2) == [0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8]  # known answer
-    points = np.array([philox([i, 0, 0, 0], [7, 9])[:2] for i in range(500)]) / 2**32
+    points = np.array([philox([i, 0, 0, 0], [7, 9]) for i in range(250)]).reshape(500, 2) / 2**32
     distribution = build_distribution(device, stiff)
-    drawn = distribution.sample(500, seed=7 + (9 << 32)).pixel
-    np.testing.assert_array_equal(drawn, distribution.sample_at(points).pixel)
+    drawn = distribution.sample(499, seed=7 + (9 << 32)).pixel
+    np.testing.assert_array_equal(drawn, distribution.sample_at(points).pixel[:499])
 
 
 def test_seeds_differ_and_fewer_samples_are_a_prefix(device: Device, stiff: EnvironmentMap) -> None:
@@ -190,6 +191,41 @@ def test_guided_searches_end_where_plain_ones_do(
         found.append((samples.pixel, samples.probability, samples.direction, samples.radiance))
     for guided, plain in zip(*found, strict=True):
         np.testing.assert_array_equal(guided, plain)
+
+
+@pytest.mark.parametrize("guided_from", [0, np.inf])
+def test_pixels_alone_are_those_of_samples(
+    device: Device, stiff: EnvironmentMap, guided_from: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(distribution_module, "SAMPLES_A_PIXEL", guided_from)
+    distribution = build_distribution(device, stiff)
+    for sequence in SEQUENCES:
+        samples = distribution.sample(777, 5, sequence)
+        pixel, probability = distribution.sample_pixels(777, 5, sequence)
+        np.testing.assert_array_equal(pixel, samples.pixel)
+        np.testing.assert_array_equal(probability, samples.probability)
+
+
+def test_pixels_are_written_over_those_of_an_earlier_call(device: Device, stiff: EnvironmentMap) -> None:
+    distribution = build_distribution(device, stiff)
+    earlier = distribution.sample_pixels(100, seed=1)
+    again = distribution.sample_pixels(100, seed=2, out=earlier)
+    np.testing.assert_array_equal(again[0], distribution.sample(100, seed=2).pixel)
+    np.testing.assert_array_equal(again[1], distribution.sample(100, seed=2).probability)
+    if device.shares_host_memory:
+        assert all(a is b or a.ctypes.data == b.ctypes.data for a, b in zip(again, earlier, strict=True))
+    pixel, probability = earlier
+    for wrong in ((pixel[:50], probability), (pixel.astype(np.int64), probability), (pixel[::-1], probability)):
+        with pytest.raises(LightdomeError, match=r"out is not what an earlier call returned"):
+            distribution.sample_pixels(100, out=wrong)
+
+
+def test_large_maps_have_fewer_buckets(device: Device, stiff: EnvironmentMap, monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = build_distribution(device, stiff).sample(100_000)
+    monkeypatch.setattr(guide_module, "MAX_BUCKETS", 300)
+    distribution = build_distribution(device, stiff)
+    np.testing.assert_array_equal(distribution.sample(100_000).pixel, plain.pixel)
+    assert distribution.guide.rows.shape[1] <= 2 * 300 / stiff.height
 
 
 def test_maps_wider_than_16_bits_are_guided_too(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:

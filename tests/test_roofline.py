@@ -23,7 +23,19 @@ from lightdome.roofline_stages import MADE, MapStages, Stage, Work, harmonics, m
 
 LIMITS = Limits({2**20: 80e9, 2**30: 20e9}, 100e9, 1e-5)
 EVERY_STAGE = {
-    *("row cdf", "marginal cdf", "guide", "sample", "median cut", "exact", "light", "bsdf", "mis", "product"),
+    *(
+        "row cdf",
+        "marginal cdf",
+        "guide",
+        "sample",
+        "sample pixels",
+        "median cut",
+        "exact",
+        "light",
+        "bsdf",
+        "mis",
+        "product",
+    ),
     *("shade", "shade brute force", "harmonics project", "harmonics shade"),
 }
 
