@@ -106,11 +106,15 @@ static inline void light_samples(const Light *light, private const block3 *n, pr
 
 #elif defined(ESTIMATOR_MIS)
 
-// Where in its step of a CDF, which ends at `at` and all of it at `total`, u lay, 0 to 1.
-static inline float rest(global const uint *at, bool first, uint u, uint total)
+// Where in its step of a CDF, from `below` to `above` and all of it `total`, each u lay, 0 to 1.
+static inline void places(private const uint *u, private const uint *total, private const uint *below,
+                          private const uint *above, private float *place)
 {
-    const uint below = first ? 0u : at[-1];
-    return ((float)(mul_hi(u, total) - below) + (float)(u * total) * FRACTION) / (float)(at[0] - below);
+    for (uint k = 0; k < BLOCK; ++k) {
+        const ulong target = (ulong)u[k] * total[k];
+        place[k] = ((float)((uint)(target >> 32) - below[k]) + (float)(uint)target * FRACTION) /
+                   (float)(above[k] - below[k]);
+    }
 }
 
 // c L / S_c with its weight q^2 / (q^2 + c^2) is L k / (q / c + c / q): no square that could leave the range.
@@ -120,18 +124,29 @@ static inline void light_samples(const Light *light, private const block3 *n, pr
     const guided_map *map = &light->map;
     uint x[BLOCK], y[BLOCK];
     pick_pixels(map, across, down, BLOCK, x, y);
-    const uint total = map->marginal_cdf[map->height - 1];
-    float cos_theta[BLOCK], turn[BLOCK];
+    uint total[BLOCK], below[BLOCK], above[BLOCK];
+    float place[BLOCK], cos_theta[BLOCK], turn[BLOCK];
     GATHER
     for (uint k = 0; k < BLOCK; ++k) {
-        const float v = rest(map->marginal_cdf + y[k], y[k] == 0, down[k], total);
-        cos_theta[k] = mix(light->edge[y[k]], light->edge[y[k] + 1], v);
+        global const uint *at = map->marginal_cdf + y[k];
+        total[k] = map->marginal_cdf[map->height - 1];
+        below[k] = y[k] == 0 ? 0 : at[-1];
+        above[k] = at[0];
     }
+    places(down, total, below, above, place);
+    GATHER
+    for (uint k = 0; k < BLOCK; ++k)
+        cos_theta[k] = mix(light->edge[y[k]], light->edge[y[k] + 1], place[k]);
     GATHER
     for (uint k = 0; k < BLOCK; ++k) {
         global const uint *at = map->row_cdf + (size_t)y[k] * map->width + x[k];
-        turn[k] = x[k] + rest(at, x[k] == 0, across[k], map->row_total[y[k]]);
+        total[k] = map->row_total[y[k]];
+        below[k] = x[k] == 0 ? 0 : at[-1];
+        above[k] = at[0];
     }
+    places(across, total, below, above, place);
+    for (uint k = 0; k < BLOCK; ++k)
+        turn[k] = x[k] + place[k];
     block3 L;
     radiance_at(light, x, y, &L);
     const float turns_a_column = 1.0f / map->width;

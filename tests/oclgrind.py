@@ -171,6 +171,7 @@ def draw(distribution: Distribution) -> None:
         distribution_module.SAMPLES_A_PIXEL = guided_from
         for sequence in SEQUENCES:
             distribution.sample(19, 1, sequence)
+            distribution.sample_pixels(19, 1, sequence)
         distribution.sample_at(np.array([(0, 0), (1 - 2.0**-32, 1 - 2.0**-32), (0.5, 0.25)]))
 
 
