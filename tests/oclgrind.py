@@ -127,6 +127,7 @@ def run_all() -> None:
     ran = set()
     for distribution in distributions():
         draw(distribution)
+        draw_pixels(distribution)
         draw_from_file(distribution)
         median_cut(distribution, 5)
         for resolution in RESOLUTIONS:
@@ -171,8 +172,14 @@ def draw(distribution: Distribution) -> None:
         distribution_module.SAMPLES_A_PIXEL = guided_from
         for sequence in SEQUENCES:
             distribution.sample(19, 1, sequence)
-            distribution.sample_pixels(19, 1, sequence)
         distribution.sample_at(np.array([(0, 0), (1 - 2.0**-32, 1 - 2.0**-32), (0.5, 0.25)]))
+
+
+def draw_pixels(distribution: Distribution) -> None:
+    for guided_from in (0, np.inf):
+        distribution_module.SAMPLES_A_PIXEL = guided_from
+        for sequence in SEQUENCES:
+            distribution.sample_pixels(19, 1, sequence)
 
 
 def draw_from_file(distribution: Distribution) -> None:
