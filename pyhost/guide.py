@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from .device import Device
 
 BUCKETS_A_ROW = 4.0  # one table for all rows
-BUCKETS_A_PIXEL = 0.5
+BUCKETS_A_PIXEL = 1.0
 MAX_BUCKETS = 2**26  # of all rows: half a gibibyte
 
 
