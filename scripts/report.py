@@ -118,14 +118,15 @@ def make(args: argparse.Namespace) -> None:
     )
     options = {"quick": args.quick}
     mitsuba = ["mitsuba"] if peer_mitsuba.installed() else []
-    pbrt = ["pbrt"] if runs.settings["part4"]["pbrt"] else []
+    part4 = runs.settings["part4"]
+    pbrt = ["pbrt"] if part4["pbrt"] else []
     runs.need(
         "bench",
         "bench.py",
         "bench.json",
         of_map | {"options": options | {"methods": None}},
         *("--peers", "numpy", *mitsuba, *pbrt, *quick, *on_map),
-        *(["--pbrt", args.pbrt] if pbrt and args.pbrt else []),
+        *(["--pbrt", part4["options"]["pbrt"]] if pbrt and part4["options"]["pbrt"] else []),
     )
     runs.need(
         "stability",

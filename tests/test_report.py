@@ -258,7 +258,8 @@ def test_other_programs_that_are_there_are_measured(
     class Runs:
         def __init__(self, out: Path) -> None:
             self.folders = {"part2": out}
-            self.settings = {"part2": {"files": defaultdict(str)}, "part4": {"pbrt": "PBRT-v4" if there else None}}
+            part4 = {"pbrt": "PBRT-v4" if there else None, "options": {"pbrt": "/opt/pbrt" if there else None}}
+            self.settings = {"part2": {"files": defaultdict(str)}, "part4": part4}
 
         def need(self, name: str, script: str, record: str, wanted: object, *options: object) -> None:
             asked[name] = [str(option) for option in options]
@@ -270,6 +271,7 @@ def test_other_programs_that_are_there_are_measured(
     the_script.make(options)
     assert ("mitsuba" in asked["stability"], "mitsuba" in asked["bench"], "pbrt" in asked["bench"]) == (there,) * 3
     assert "numpy" in asked["bench"]
+    assert asked["bench"][-2:] == ["--pbrt", "/opt/pbrt"] or not there
 
 
 def test_a_map_behind_the_sphere_is_refused(device: Device, made: Path, tmp_path: Path) -> None:
