@@ -251,8 +251,8 @@ def _range(envmap: EnvironmentMap) -> dict[str, str]:
     """How stiff the map is."""
     luminance = envmap.radiance.mean(axis=2, dtype=np.float64)
     mean = luminance.mean()
-    half = np.sort(luminance, axis=None)[::-1].cumsum()
-    pixels = int(np.searchsorted(half, half[-1] / 2)) + 1
+    brightest = np.sort(luminance, axis=None)[::-1].cumsum()
+    pixels = int(np.searchsorted(brightest, brightest[-1] / 2)) + 1
     return {"peak_over_mean": f"{luminance.max() / mean:,.0f}", "half": f"{pixels:,}", "pixels": f"{luminance.size:,}"}
 
 

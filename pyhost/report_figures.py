@@ -7,15 +7,16 @@ grey.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import cycle
 from pathlib import Path
 
 import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from . import buffers
+from .benchmark_plot import MARKERS
 from .disc import disc_mask
 from .distribution import Distribution
 from .files import replacing
@@ -131,12 +132,13 @@ def averaging(shared: Mapping[str, np.ndarray], per_pixel: Mapping[str, np.ndarr
     """Log-log: the error left over the side of the squares averaged over. Noise falls, a common error stays."""
     figure = Figure(figsize=(9, 3.8), layout="constrained")
     axes = figure.add_subplot()
-    looks = [(shared, BLUE, "-", ["o", "s", "^"]), (per_pixel, VERMILLION, "--", ["D", "v", "P", "X"])]
-    for images, colour, style, markers in looks:
-        for (name, image), marker in zip(images.items(), markers, strict=True):
+    markers = cycle(MARKERS)
+    for images, colour, style in ((shared, BLUE, "-"), (per_pixel, VERMILLION, "--")):
+        for name, image in images.items():
             left = [100 * left_after_averaging(image, exact, side) for side in SIDES]
-            axes.plot(SIDES, left, color=colour, linestyle=style, marker=marker, markersize=5, label=name)
-    _guide(axes, 100 * left_after_averaging(image, exact, 1))
+            axes.plot(SIDES, left, color=colour, linestyle=style, marker=next(markers), markersize=5, label=name)
+    # How the error of independent pixels falls, from where the last line begins.
+    axes.plot(SIDES, [left[0] / side for side in SIDES], color="0.6", linestyle=":", label="1 / side")
     axes.set_xscale("log", base=2)
     axes.set_yscale("log")
     axes.set_xticks(SIDES, [str(side) for side in SIDES])
@@ -153,8 +155,3 @@ def for_a_column(figure: Figure, height: float) -> Figure:
     if legend := figure.axes[0].get_legend():
         legend.set_title(None)
     return figure
-
-
-def _guide(axes: Axes, start: float) -> None:
-    """How the error of independent pixels falls."""
-    axes.plot(SIDES, [start / side for side in SIDES], color="0.6", linestyle=":", label="1 / side")
