@@ -15,7 +15,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 from conftest import ROOT, Script, fails_in_one_line, stiff_radiance
-from lightdome import __version__, benchmark, peer_mitsuba, report, settings, stability
+from lightdome import __version__, benchmark, benchmark_plot, peer_mitsuba, report, report_figures, settings, stability
 from lightdome.device import Device
 from lightdome.disc import disc_mask
 from lightdome.envmap import EnvironmentMap
@@ -181,6 +181,16 @@ def test_an_error_that_pixels_share_stays_and_noise_goes() -> None:
     assert left_after_averaging(noise, exact, 1) == pytest.approx(np.sqrt(((noise - exact)[inside] ** 2).mean()))
     assert left_after_averaging(noise, exact, 2) == pytest.approx(0, abs=1e-7)
     assert np.isnan(left_after_averaging(noise, exact, 64))
+
+
+@pytest.mark.parametrize("scale", [1e-40, 1e33, 1e38])
+def test_pictures_of_a_tiny_or_a_huge_map_tell_its_error(scale: float) -> None:
+    exact = np.where(disc_mask(33)[..., None], np.float32(scale), np.float32(0)).repeat(3, axis=2)
+    images = {"a": exact * np.float32(1.5)}
+    titles = [axes.get_title() for axes in benchmark_plot.images(images, exact, "").axes]
+    assert "50.00 %" in titles
+    signed, *_ = report_figures.bias_and_noise(("a", images["a"]), ("b", exact), exact).axes
+    assert np.nanmax(signed.images[0].get_array()) == pytest.approx(50, rel=1e-4)
 
 
 def results_of(made: Path) -> report.Results:
