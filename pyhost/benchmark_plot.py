@@ -178,7 +178,8 @@ def images(named: Mapping[str, np.ndarray], exact: np.ndarray, title: str) -> Fi
             continue
         error = np.abs(image - exact).max(axis=2) / peak
         bottom.imshow(np.where(mask, np.maximum(error, 1e-4), np.nan), norm=norm, cmap="magma")
-        rmse = np.sqrt(((image - exact)[mask] ** 2).mean() / (exact[mask] ** 2).mean())
+        truth = exact[mask].astype(np.float64)  # squares may leave float32's range
+        rmse = np.sqrt(((image[mask] - truth) ** 2).mean() / (truth**2).mean())
         bottom.set_title(f"{100 * rmse:.2f} %", fontsize=8)
         error_axes.append(bottom)
     figure.colorbar(

@@ -1,7 +1,7 @@
 """Mitsuba 3's ``DiscreteDistribution2D`` on the stability table's maps, in a process of its own.
 
 It gets luminance x sin(theta) in float32 and is asked for p of all pixels and for draws, in ``llvm_ad_rgb``.
-The process is the same as in :mod:`lightdome.peer_mitsuba`, and for the same reason: its LLVM may abort.
+The process is there for the same reason as in :mod:`lightdome.peer_mitsuba`: its LLVM may abort.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ from .peers import INSTALL
 from .samples import Samples
 
 TIMEOUT = 300.0
-BLOCK = 2**20  # pixels or samples at a time
 
 
 class Mitsuba:

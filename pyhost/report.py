@@ -12,7 +12,7 @@ import json
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -151,8 +151,8 @@ def _draw(device: Device, envmap: EnvironmentMap, results: Results, images: Imag
         "per_pixel": lambda: benchmark_plot.images(per_pixel, images.exact, ""),
         "bias_and_noise": lambda: report_figures.bias_and_noise(*images.alike(), images.exact),
         "averaging": lambda: report_figures.averaging(shared, per_pixel, images.exact),
-        "error_time": lambda: benchmark_plot.error_against_time(points, ""),
-        "error_count": lambda: benchmark_plot.error_against_count(points, ""),
+        "error_time": lambda: report_figures.for_a_column(benchmark_plot.error_against_time(points, ""), 5.6),
+        "error_count": lambda: report_figures.for_a_column(benchmark_plot.error_against_count(points, ""), 3.8),
     }
     with Progress("figures") as progress:
         for done, (stem, draw) in enumerate(figures.items()):
@@ -196,7 +196,9 @@ def numbers(envmap: EnvironmentMap, map_name: str, results: Results, images: Ima
         "exact_seconds": next((f"{p.wall_seconds:.2g}" for p in points if p.method == "exact"), None),
         "bench": _bench(results.settings["bench"]),
         "stability": _stability(results.settings["stability"]),
-        "machines": _machines(results.settings),
+        "made_with": [
+            agreeing for about in (_machine, _device, _programs) for agreeing in _agreeing(results.settings, about)
+        ],
     }
 
 
@@ -249,8 +251,8 @@ def _range(envmap: EnvironmentMap) -> dict[str, str]:
     """How stiff the map is."""
     luminance = envmap.radiance.mean(axis=2, dtype=np.float64)
     mean = luminance.mean()
-    half = np.sort(luminance, axis=None)[::-1].cumsum()
-    pixels = int(np.searchsorted(half, half[-1] / 2)) + 1
+    brightest = np.sort(luminance, axis=None)[::-1].cumsum()
+    pixels = int(np.searchsorted(brightest, brightest[-1] / 2)) + 1
     return {"peak_over_mean": f"{luminance.max() / mean:,.0f}", "half": f"{pixels:,}", "pixels": f"{luminance.size:,}"}
 
 
@@ -298,43 +300,75 @@ def _bench(content: Mapping[str, Any]) -> dict[str, object]:
         "seeds": content["options"]["seeds"],
         "repeats": content["options"]["repeats"],
         "peers": list(dict.fromkeys(p["method"] for p in points if p["peer"])),
-        "absent": [f"{name} ({reason})" for name, reason in content["absent"].items()],
+        "absent": _absent(content),
     }
 
 
 def _stability(content: Mapping[str, Any]) -> dict[str, object]:
-    """The table: a head, and a row a case with its group, name, verdict and coloured cells."""
-    own = [case for case in content["cases"] if case["program"] == "lightdome"]
-    columns = {name: c for name, c in content["columns"].items() if any(name in case["figures"] for case in own)}
+    """lightdome's table and one for each peer; how many cases hold, fail and were skipped; which peers are absent."""
+    tables = {
+        program: _table(program, [case for case in content["cases"] if case["program"] == program], content["columns"])
+        for program in ("lightdome", *content["peers"])
+    }
+    own = tables.pop("lightdome")
+    verdicts = [case["verdict"] for case in content["cases"] if case["program"] == "lightdome"]
+    return {
+        "draws": f"{content['options']['draws']:,}",
+        "own": own,
+        "peers": list(tables.values()),
+        "absent": _absent(content),
+        **{name.lower(): verdicts.count(name) for name in ("holds", "FAILS", "skipped")},
+    }
+
+
+def _table(program: str, cases: Sequence[Mapping[str, Any]], goals: Mapping[str, Any]) -> dict[str, object]:
+    """The columns that apply: name, goal, meaning; a row a case: group, name, what went wrong, coloured cells."""
+    columns = {name: column for name, column in goals.items() if any(name in case["figures"] for case in cases)}
     rows = []
-    for case in own:
+    for case in cases:
         cells = []
         for name, column in columns.items():
             value = float(case["figures"][name]) if name in case["figures"] else None
             misses = value is not None and not value <= column["goal"]
             shade = to_hex(stability_plot.colour(value, column["goal"]))
             cells.append({"text": stability.text(value), "fill": shade, "dark": misses})
-        rows.append({"group": case["group"], "case": case["case"], "verdict": case["verdict"], "cells": cells})
-    verdicts = [case["verdict"] for case in own]
-    return {
-        "draws": f"{content['options']['draws']:,}",
-        "columns": [[name, stability.text(c["goal"]), c["meaning"]] for name, c in columns.items()],
-        "rows": rows,
-        **{name.lower(): verdicts.count(name) for name in ("holds", "FAILS", "skipped")},
-    }
+        note = "" if case["verdict"] in ("holds", "measured") else case["verdict"]
+        rows.append({"group": case["group"], "case": case["case"], "note": note, "cells": cells})
+    heads = [[name, stability.text(column["goal"]), column["meaning"]] for name, column in columns.items()]
+    return {"program": program, "columns": heads, "rows": rows}
 
 
-def _machines(contents: Mapping[str, Mapping[str, Any]]) -> list[dict[str, object]]:
-    """Where and with what each result was made; those that agree stand together."""
-    groups: dict[str, dict[str, object]] = {}
+def _absent(content: Mapping[str, Any]) -> list[str]:
+    return [f"{name} ({reason})" for name, reason in content["absent"].items()]
+
+
+def _agreeing(
+    contents: Mapping[str, Mapping[str, Any]], describe: Callable[[Mapping[str, Any]], str]
+) -> list[tuple[list[str], str]]:
+    """The names of results that ``describe`` says the same of, and what it says if it says anything."""
+    groups: dict[str, list[str]] = {}
     for name, content in contents.items():
-        device = content["device"]
-        entry = {
-            "processor": content["machine"]["processor"],
-            "cores": content["machine"]["cores"],
-            "system": content["machine"]["system"],
-            "device": device and f"{device['name']}, {device['implementation']}",
-            "versions": ", ".join(f"{what} {number}" for what, number in content["versions"].items()),
-        }
-        groups.setdefault(json.dumps(entry), {**entry, "results": []})["results"].append(name)
-    return list(groups.values())
+        groups.setdefault(describe(content), []).append(name)
+    return [(names, text) for text, names in groups.items() if text]
+
+
+def _machine(content: Mapping[str, Any]) -> str:
+    """Where and with which versions a result was made."""
+    machine = content["machine"]
+    versions = ", ".join(f"{what} {number}" for what, number in content["versions"].items())
+    return f"{machine['processor']}; {machine['cores']} cores; {machine['system']}; {versions}"
+
+
+def _device(content: Mapping[str, Any]) -> str:
+    """The device that computed a result; some implementations' names have gaps in them."""
+    device = content["device"]
+    return f"OpenCL on {device['name']}, {' '.join(device['implementation'].split())}" if device else "no OpenCL device"
+
+
+def _programs(content: Mapping[str, Any]) -> str:
+    """The other programs that took part in a result."""
+    found = [content["pbrt"]] if content.get("pbrt") else []
+    for name, about in content.get("peers", {}).items():
+        versions = ", ".join(f"{what} {about[what]}" for what in ("mitsuba", "llvm") if what in about)
+        found.append(f"{name} ({versions})" if versions else name)
+    return ", ".join(found)

@@ -7,15 +7,16 @@ grey.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import cycle
 from pathlib import Path
 
 import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from . import buffers
+from .benchmark_plot import MARKERS
 from .disc import disc_mask
 from .distribution import Distribution
 from .files import replacing
@@ -50,17 +51,17 @@ def cdfs(distribution: Distribution) -> Figure:
     picture.set_title("the map, and three of its rows", loc="left")
     shown = all_rows.imshow(rows, cmap="cividis", vmin=0, vmax=1, aspect="auto")
     all_rows.set_title("P(x | y), every row's CDF", loc="left")
-    figure.colorbar(shown, ax=all_rows, location="bottom", shrink=0.6, aspect=40)
-    over_rows.plot(marginal, np.arange(height) + 0.5, color=BLACK)
+    figure.colorbar(shown, ax=all_rows, location="bottom", shrink=0.6, aspect=40, label="P(x | y)")
+    over_rows.plot(marginal, np.arange(height), color=BLACK)
     over_rows.set_title("P(y), the CDF over rows", loc="left")
-    over_rows.set_ylim(height, 0)
+    over_rows.set_ylim(height - 0.5, -0.5)  # as the map beside it
     for y, (colour, style) in zip(chosen, LINES, strict=True):
         picture.axhline(y, color="white", linewidth=2.4)
         for axes in (picture, over_rows):
             axes.axhline(y, color=colour, linestyle=style, linewidth=1.2)
-        some_rows.plot(np.arange(width) + 0.5, rows[y], color=colour, linestyle=style, label=f"y = {y}")
+        some_rows.plot(rows[y], color=colour, linestyle=style, label=f"y = {y}")
     some_rows.set_title("P(x | y) of the three rows", loc="left")
-    some_rows.set_xlim(0, width)
+    some_rows.set_xlim(-0.5, width - 0.5)
     some_rows.set_xlabel("x, pixels")
     some_rows.legend(fontsize=8)
     for axes in (picture, over_rows, all_rows):
@@ -78,8 +79,8 @@ def _unit(cdf: np.ndarray) -> np.ndarray:
 def bias_and_noise(shared: tuple[str, np.ndarray], per_pixel: tuple[str, np.ndarray], exact: np.ndarray) -> Figure:
     """Two images of similar error: where each is too bright or too dark, and their middle rows beside the exact one."""
     mask = disc_mask(len(exact))
-    mean = exact[mask].mean()
-    signed = {name: (image - exact).mean(axis=2) / mean for name, image in (shared, per_pixel)}
+    mean = exact[mask].mean(dtype=np.float64)
+    signed = {name: _grey(image - exact) / mean for name, image in (shared, per_pixel)}
     limit = max(np.percentile(np.abs(d[mask]), 98) for d in signed.values()) or 1.0
     norm = Normalize(-100 * limit, 100 * limit)
 
@@ -94,15 +95,19 @@ def bias_and_noise(shared: tuple[str, np.ndarray], per_pixel: tuple[str, np.ndar
 
     middle = len(exact) // 2
     x = np.flatnonzero(mask[middle])
-    curves.plot(x, per_pixel[1][middle, x].mean(axis=1), color="0.55", linewidth=0.6, label=per_pixel[0])
-    curves.plot(x, exact[middle, x].mean(axis=1), color=BLACK, linewidth=2, label="exact")
-    curves.plot(x, shared[1][middle, x].mean(axis=1), color=VERMILLION, linewidth=1.8, linestyle="--", label=shared[0])
+    curves.plot(x, _grey(per_pixel[1][middle, x]), color="0.55", linewidth=0.6, label=per_pixel[0])
+    curves.plot(x, _grey(exact[middle, x]), color=BLACK, linewidth=2, label="exact")
+    curves.plot(x, _grey(shared[1][middle, x]), color=VERMILLION, linewidth=1.8, linestyle="--", label=shared[0])
     curves.set_xlabel("x on the middle row, pixels")
     curves.set_ylabel("radiance, mean of R, G, B")
     curves.set_ylim(bottom=0)
     curves.grid(alpha=0.3)
     curves.legend(fontsize=8)
     return figure
+
+
+def _grey(pixels: np.ndarray) -> np.ndarray:
+    return pixels.mean(axis=-1, dtype=np.float64)  # sums of three may leave float32's range
 
 
 def left_after_averaging(image: np.ndarray, exact: np.ndarray, side: int) -> float:
@@ -127,12 +132,13 @@ def averaging(shared: Mapping[str, np.ndarray], per_pixel: Mapping[str, np.ndarr
     """Log-log: the error left over the side of the squares averaged over. Noise falls, a common error stays."""
     figure = Figure(figsize=(9, 3.8), layout="constrained")
     axes = figure.add_subplot()
-    looks = [(shared, BLUE, "-", ["o", "s", "^"]), (per_pixel, VERMILLION, "--", ["D", "v", "P", "X"])]
-    for images, colour, style, markers in looks:
-        for (name, image), marker in zip(images.items(), markers, strict=True):
+    markers = cycle(MARKERS)
+    for images, colour, style in ((shared, BLUE, "-"), (per_pixel, VERMILLION, "--")):
+        for name, image in images.items():
             left = [100 * left_after_averaging(image, exact, side) for side in SIDES]
-            axes.plot(SIDES, left, color=colour, linestyle=style, marker=marker, markersize=5, label=name)
-    _guide(axes, 100 * left_after_averaging(image, exact, 1))
+            axes.plot(SIDES, left, color=colour, linestyle=style, marker=next(markers), markersize=5, label=name)
+    # How the error of independent pixels falls, from where the last line begins.
+    axes.plot(SIDES, [left[0] / side for side in SIDES], color="0.6", linestyle=":", label="1 / side")
     axes.set_xscale("log", base=2)
     axes.set_yscale("log")
     axes.set_xticks(SIDES, [str(side) for side in SIDES])
@@ -143,6 +149,9 @@ def averaging(shared: Mapping[str, np.ndarray], per_pixel: Mapping[str, np.ndarr
     return figure
 
 
-def _guide(axes: Axes, start: float) -> None:
-    """How the error of independent pixels falls."""
-    axes.plot(SIDES, [start / side for side in SIDES], color="0.6", linestyle=":", label="1 / side")
+def for_a_column(figure: Figure, height: float) -> Figure:
+    """A plot of the benchmark, ``height`` inches high, for the width of a text; its read-outs are a table there."""
+    figure.set_size_inches(7.6, height)
+    if legend := figure.axes[0].get_legend():
+        legend.set_title(None)
+    return figure

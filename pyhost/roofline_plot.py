@@ -58,7 +58,7 @@ def roofline(points: Sequence[Measurement], limits: Limits, title: str) -> Figur
         axes.plot(*zip(*places, strict=True), **style, linestyle="none", markersize=3, alpha=0.5)
         longest = of_stage[-1]
         skips = longest.counted == "brute force"
-        share = f"{longest.bound_share:.1f} x brute force" if skips else f"{100 * longest.bound_share:.2g} %"
+        share = f"{longest.bound_share:.1f} x brute force" if skips else f"{100 * longest.bound_share:.3g} %"
         axes.plot(
             *places[-1],
             **style,

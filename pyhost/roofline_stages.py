@@ -84,7 +84,7 @@ def made_map(height: int) -> EnvironmentMap:
     """Log-normal noise, (height, 2 height, 3), quickly: a block of it repeated, each row with a factor of its own."""
     rng = np.random.default_rng(1)
     block = np.exp(rng.normal(0, 2, (min(height, 512), min(2 * height, 1024), 3))).astype(np.float32)
-    radiance = np.tile(block, (-(-height // 512), -(-height // 512), 1))
+    radiance = np.tile(block, (-(-height // 512), -(-height // 512), 1))[:height, : 2 * height]
     radiance *= np.exp(rng.normal(0, 1, (height, 1, 1))).astype(np.float32)
     return EnvironmentMap(radiance)
 

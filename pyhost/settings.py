@@ -19,12 +19,14 @@ from typing import TYPE_CHECKING
 
 from . import __version__
 from .files import replacing
+from .progress import Progress
 
 if TYPE_CHECKING:  # a script without a map or a device needs no libraries for them
     from .device import Device
     from .envmap import EnvironmentMap
 
 NAME = "settings.json"
+BLOCK = 2**24  # bytes at a time
 
 
 def settings(device: Device | None, envmap: EnvironmentMap | None, options: Mapping[str, object]) -> dict[str, object]:
@@ -74,8 +76,15 @@ def map_sum(envmap: EnvironmentMap) -> str:
 
 
 def file_sum(path: Path) -> str:
-    """SHA-256 of a file. Raises ``OSError`` where it cannot be read."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    """SHA-256 of a file, which may be larger than the memory. Raises ``OSError`` where it cannot be read."""
+    result, done = hashlib.sha256(), 0
+    with path.open("rb") as file, Progress(f"summing {path.name}") as progress:
+        size = os.fstat(file.fileno()).st_size
+        while block := file.read(BLOCK):
+            result.update(block)
+            done += len(block)
+            progress.update(done / max(size, done))
+    return result.hexdigest()
 
 
 def write(folder: Path, content: Mapping[str, object], names: Iterable[str]) -> None:

@@ -79,14 +79,20 @@ def main() -> None:
 
 
 def write_samples(args: Namespace, out: Path, image: ImageRows, device: Device) -> None:
+    from lightdome import settings
     from lightdome.banded import sample_file
     from lightdome.envmap import shape_note
 
     if note := shape_note(image.height, image.width):
         print(note, file=sys.stderr)
+    names = []
     for samples in sample_file(device, image, args.counts, args.seed, args.sequence, sanitize=args.sanitize):
-        samples.save(out / f"samples_{len(samples)}.npz")
-        print(f"wrote {out}/samples_{len(samples)}.npz")
+        names.append(f"samples_{len(samples)}.npz")
+        samples.save(out / names[-1])
+        print(f"wrote {out}/{names[-1]}")
+    # The sum of its radiance would take all rows in order, which is not how every file has them.
+    of_map = {"width": image.width, "height": image.height, "file_sha256": settings.file_sum(args.map)}
+    settings.write(out, settings.settings(device, None, vars(args)) | {"map": of_map}, names)
 
 
 def write_samples_and_pictures(args: Namespace, out: Path, device: Device) -> None:

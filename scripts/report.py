@@ -63,20 +63,21 @@ def main() -> None:
     parser = cli.parser(
         "Write report.pdf, typeset, and lightdome-report.zip with it and every .pfm and .ppm.\n\n"
         "Results of parts 1 to 4, bench.py and stability.py are taken from the folders part1 to part4, bench and"
-        " stability beside DIR if they are of this map and version; the others are run, into DIR. All of it afresh"
-        " takes about half an hour on two cores, most of it bench.py.",
+        " stability beside DIR if they are of this map and version; the others are run, into DIR, and measure numpy,"
+        " Mitsuba and PBRT too where they are there. All of it afresh takes about half an hour on two cores, most of it"
+        " bench.py, and longer with Mitsuba and PBRT.",
         "scripts/report.py --quick",
         "out/report",
     )
     cli.map_options(parser)
     parser.add_argument("--pbrt", type=Path, metavar="PATH", help="the program pbrt or its folder (default: from PATH)")
-    parser.add_argument("--quick", action="store_true", help="smaller images, fewer counts and cases: two minutes")
+    parser.add_argument("--quick", action="store_true", help="smaller images, fewer counts and cases: some minutes")
     cli.device_option(parser)
     make(parser.parse_args())
 
 
 def make(args: argparse.Namespace) -> None:
-    from lightdome import report, settings
+    from lightdome import peer_mitsuba, report, settings
     from lightdome.device import open_device
 
     report.require_typst()
@@ -116,8 +117,25 @@ def make(args: argparse.Namespace) -> None:
         *(["--pbrt", args.pbrt] if args.pbrt else []),
     )
     options = {"quick": args.quick}
-    runs.need("bench", "bench.py", "bench.json", of_map | {"options": options | {"methods": None}}, *quick, *on_map)
-    runs.need("stability", "stability.py", "stability.json", of_version | {"options": options}, *quick, *on_device)
+    mitsuba = ["mitsuba"] if peer_mitsuba.installed() else []
+    part4 = runs.settings["part4"]
+    pbrt = ["pbrt"] if part4["pbrt"] else []
+    runs.need(
+        "bench",
+        "bench.py",
+        "bench.json",
+        of_map | {"options": options | {"methods": None}},
+        *("--peers", "numpy", *mitsuba, *pbrt, *quick, *on_map),
+        *(["--pbrt", part4["options"]["pbrt"]] if pbrt and part4["options"]["pbrt"] else []),
+    )
+    runs.need(
+        "stability",
+        "stability.py",
+        "stability.json",
+        of_version | {"options": options},
+        *(["--peers", *mitsuba] if mitsuba else []),
+        *(*quick, *on_device),
+    )
 
     results = report.Results(runs.folders, runs.settings)
     images = report.write(device, envmap, args.map.name, results, out)

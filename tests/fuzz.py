@@ -250,7 +250,7 @@ def _other_type(rng: np.random.Generator, array: np.ndarray) -> np.ndarray:
     types = ("?", "i1", "u1", ">i4", "i8", "u8", "f2", ">f4", "f8", "g", "c16", "S7", "U7", "U300", "O", "M8[s]", "V8")
     try:
         return array.astype(str(rng.choice(types)))
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, OverflowError):
         return array.astype(object)
 
 
@@ -258,7 +258,7 @@ def _other_shape(rng: np.random.Generator, array: np.ndarray) -> np.ndarray:
     flat = array.ravel()
     shapes = ((-1,), (-1, 1), (1, -1), (1, 1, -1), (0, 3), (0,), ())
     shape = shapes[int(rng.integers(len(shapes)))]
-    return flat[0].reshape(()) if shape == () else flat[:0].reshape(shape) if 0 in shape else flat.reshape(shape)
+    return flat[:1].reshape(()) if shape == () else flat[:0].reshape(shape) if 0 in shape else flat.reshape(shape)
 
 
 def _other_value(rng: np.random.Generator, array: np.ndarray) -> np.ndarray:
@@ -301,8 +301,9 @@ def _other_header(rng: np.random.Generator, array: np.ndarray) -> bytes:
 
 
 def bomb(rng: np.random.Generator, array: np.ndarray) -> bytes:
-    """A million samples of zero, which deflate to a few kilobytes."""
-    shape = (2**20, *array.shape[1:])
+    """A million samples of zero, less of large ones, which deflate to a few kilobytes."""
+    size = max(1, int(np.prod(array.shape[1:])) * array.dtype.itemsize)
+    shape = (min(2**20, 2**25 // size), *array.shape[1:])
     header = io.BytesIO()
     np.lib.format.write_array_header_1_0(header, {"descr": array.dtype.str, "fortran_order": False, "shape": shape})
     return header.getvalue() + bytes(int(np.prod(shape)) * array.dtype.itemsize)

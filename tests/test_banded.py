@@ -241,7 +241,7 @@ def test_part_2_draws_the_same_samples_without_pictures(script: Script, tmp_path
     result = script(*arguments, tmp_path / "only", "--samples-only")
     assert result.returncode == 0, result.stderr
     assert "note: the map is 43 x 21" in result.stderr
-    assert {path.name for path in (tmp_path / "only").iterdir()} == {"samples_5.npz", "samples_9.npz"}
+    assert {path.name for path in (tmp_path / "only").iterdir()} == {"samples_5.npz", "samples_9.npz", "settings.json"}
     assert script(*arguments, tmp_path / "all").returncode == 0
     for name in ("samples_5.npz", "samples_9.npz"):
         assert (tmp_path / "only" / name).read_bytes() == (tmp_path / "all" / name).read_bytes()

@@ -33,6 +33,17 @@ def test_the_files_are_valid_before_they_are_damaged(tmp_path: Path) -> None:
         assert verdict == "read" or (name == "deep.exr" and "is a deep image" in verdict), verdict
 
 
+@pytest.mark.filterwarnings("ignore")  # casts that overflow
+def test_every_array_can_be_damaged_twice_and_stays_small() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        for name, array in fuzz.arrays().items():
+            for mutation in fuzz.ARRAY_MUTATIONS:
+                result = mutation(rng, fuzz._other_type(rng, array))
+                content = result if isinstance(result, bytes) else fuzz.npy(result)
+                assert len(content) < 2**26, (name, mutation)
+
+
 @pytest.mark.parametrize(
     ("program", "failure"),
     [

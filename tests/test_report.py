@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import importlib.util
 import json
 import shutil
 import zipfile
+from collections import defaultdict
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 from conftest import ROOT, Script, fails_in_one_line, stiff_radiance
-from lightdome import __version__, benchmark, report, settings, stability
+from lightdome import __version__, benchmark, benchmark_plot, peer_mitsuba, report, report_figures, settings, stability
 from lightdome.device import Device
 from lightdome.disc import disc_mask
 from lightdome.envmap import EnvironmentMap
@@ -56,7 +58,8 @@ def out(device: Device, small_map: Path, tmp_path_factory: pytest.TempPathFactor
         Result("lightdome", "broken", "too large", skipped="no room"),
         Result("mitsuba", "broken", "NaN", {"p": 1.0}, judged=False),
     ]
-    made_with = settings.settings(device, None, {"quick": True, "draws": 1000}) | {"peers": {}, "absent": {}}
+    made_with = settings.settings(device, None, {"quick": True, "draws": 1000})
+    made_with |= {"peers": {"mitsuba": {"mitsuba": "3.9.1"}}, "absent": {}}
     stability.write_json(out / "stability" / "stability.json", results, made_with)
     return out
 
@@ -180,6 +183,16 @@ def test_an_error_that_pixels_share_stays_and_noise_goes() -> None:
     assert np.isnan(left_after_averaging(noise, exact, 64))
 
 
+@pytest.mark.parametrize("scale", [1e-40, 1e33, 1e38])
+def test_pictures_of_a_tiny_or_a_huge_map_tell_its_error(scale: float) -> None:
+    exact = np.where(disc_mask(33)[..., None], np.float32(scale), np.float32(0)).repeat(3, axis=2)
+    images = {"a": exact * np.float32(1.5)}
+    titles = [axes.get_title() for axes in benchmark_plot.images(images, exact, "").axes]
+    assert "50.00 %" in titles
+    signed, *_ = report_figures.bias_and_noise(("a", images["a"]), ("b", exact), exact).axes
+    assert np.nanmax(signed.images[0].get_array()) == pytest.approx(50, rel=1e-4)
+
+
 def results_of(made: Path) -> report.Results:
     folders = {name: made / "report" / name for name in ("part1", "part2", "part3", "part4")}
     folders |= {name: made / name for name in ("bench", "stability")}
@@ -216,25 +229,59 @@ def test_the_numbers_are_those_of_the_runs(device: Device, small_map: Path, made
     assert fallen["64 shared"] < 2 < 5 < fallen["64 a pixel"]
 
 
-def test_the_stability_table_shows_failures_and_leaves_peers_out(made: Path) -> None:
-    table = report._stability(results_of(made).settings["stability"])
-    assert (table["holds"], table["fails"], table["skipped"]) == (2, 1, 1)
-    assert [row["case"] for row in table["rows"][2:]] == ["NaN", "too large"]
-    first = {name: cell for (name, *_), cell in zip(table["columns"], table["rows"][2]["cells"], strict=True)}
+def test_the_stability_table_shows_failures_and_peers_beside_them(made: Path) -> None:
+    found = report._stability(results_of(made).settings["stability"])
+    assert (found["holds"], found["fails"], found["skipped"]) == (2, 1, 1)
+    rows = found["own"]["rows"]
+    assert [(row["case"], row["note"]) for row in rows[2:]] == [("NaN", "FAILS"), ("too large", "skipped")]
+    first = {name: cell for (name, *_), cell in zip(found["own"]["columns"], rows[2]["cells"], strict=True)}
     assert first["p"]["text"] == "NaN"
     assert first["p"]["dark"]
     assert first["sum"]["text"] == ""
+    (peer,) = found["peers"]
+    assert (peer["program"], [name for name, *_ in peer["columns"]]) == ("mitsuba", ["p"])
+    assert [(row["case"], row["note"], row["cells"][0]["text"]) for row in peer["rows"]] == [("NaN", "", "1")]
 
 
-def test_the_renderer_is_named(device: Device, small_map: Path, made: Path, tmp_path: Path) -> None:
+def test_the_renderer_and_other_programs_are_named(device: Device, small_map: Path, made: Path, tmp_path: Path) -> None:
     envmap, ours = EnvironmentMap.read(small_map), results_of(made)
     part4 = {**ours.settings["part4"], "pbrt": "PBRT-v4", "device": None}
     theirs = report.Results(ours.folders, {**ours.settings, "part4": part4})
     d = report.numbers(envmap, small_map.name, theirs, report.load_images(device, envmap, theirs))
     assert d["renderer"] == "PBRT-v4"
-    assert {"part4", "part1"} == {name for m in d["machines"] if m["device"] is None for name in m["results"]}
+    for agreeing in (
+        (["part1", "part4"], "no OpenCL device"),
+        (["part4"], "PBRT-v4"),
+        (["stability"], "mitsuba (mitsuba 3.9.1)"),
+    ):
+        assert agreeing in d["made_with"]
     report.write(device, envmap, small_map.name, theirs, tmp_path)
     assert (tmp_path / report.PDF).read_bytes() != (made / "report" / report.PDF).read_bytes()
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_other_programs_that_are_there_are_measured(
+    the_script: ModuleType, small_map: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, there: bool
+) -> None:
+    asked: dict[str, list[str]] = {}
+
+    class Runs:
+        def __init__(self, out: Path) -> None:
+            self.folders = {"part2": out}
+            part4 = {"pbrt": "PBRT-v4" if there else None, "options": {"pbrt": "/opt/pbrt" if there else None}}
+            self.settings = {"part2": {"files": defaultdict(str)}, "part4": part4}
+
+        def need(self, name: str, script: str, record: str, wanted: object, *options: object) -> None:
+            asked[name] = [str(option) for option in options]
+
+    monkeypatch.setattr(the_script, "Runs", Runs)
+    monkeypatch.setattr(report, "write", lambda *_: 0)
+    monkeypatch.setattr(peer_mitsuba, "installed", lambda: there)
+    options = argparse.Namespace(map=small_map, out=tmp_path, device=None, quick=True, sanitize=False, pbrt=None)
+    the_script.make(options)
+    assert ("mitsuba" in asked["stability"], "mitsuba" in asked["bench"], "pbrt" in asked["bench"]) == (there,) * 3
+    assert "numpy" in asked["bench"]
+    assert asked["bench"][-2:] == ["--pbrt", "/opt/pbrt"] or not there
 
 
 def test_a_map_behind_the_sphere_is_refused(device: Device, made: Path, tmp_path: Path) -> None:

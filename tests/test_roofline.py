@@ -131,7 +131,7 @@ def test_pairs_and_arcs_are_those_of_the_sphere(device: Device) -> None:
 
 
 def test_a_made_map_is_of_its_size_and_no_two_rows_are_alike() -> None:
-    for height in (3, 1024):
+    for height in (3, 600, 1024):
         radiance = made_map(height).radiance
         assert radiance.shape == (height, 2 * height, 3)
         assert len(np.unique(radiance.sum(axis=(1, 2)))) == height

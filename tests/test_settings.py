@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,22 @@ def test_parts_1_to_4_say_what_made_their_files(script: Script, tmp_path: Path) 
     assert found["part3"]["options"]["resolution"] == 20
     assert found["part3"]["inputs"] == {p.name: found["part2"]["files"][p.name] for p in samples}
     assert found["part4"]["pbrt"] is None
+
+
+def test_samples_without_pictures_say_what_made_them_too(script: Script, tmp_path: Path) -> None:
+    path, out = tmp_path / "map.pfm", tmp_path / "out"
+    write_image(path, stiff_radiance(16, 32))
+    assert script("part2_sample", "--map", path, "--counts", 3, 7, "--seed", 5, "--out", out).returncode == 0
+    whole = settings.read(out / settings.NAME)
+    arguments = ("--map", path, "--counts", 7, "--seed", 5, "--samples-only", "--out", out)
+    assert script("part2_sample", *arguments).returncode == 0
+    record = settings.read(out / settings.NAME)
+    assert record is not None
+    assert record["files"] == {"samples_7.npz": whole["files"]["samples_7.npz"]}
+    assert record["map"] == {"width": 32, "height": 16, "file_sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+    assert (record["options"]["seed"], record["options"]["samples_only"]) == (5, True)
+    # Of nobody who asks for a map by its radiance.
+    assert settings.difference(record, {"map": whole["map"]}) == "map.sha256"
 
 
 @pytest.fixture
