@@ -12,10 +12,16 @@
 // cdf       height x width integers
 // row_sum   height double words
 //
-// One work-item a row: the first pass reads the map once and leaves the weights in `cdf`, the others find their
-// sum and turn them into prefix sums while they are still in the cache.
+// One work-item a row: the first pass reads the map once, sums the weights and leaves them in `cdf`, the second turns
+// them into prefix sums while they are still in the cache.
 
 #include "prefix_sum.clh"
+
+#ifdef PLAIN
+#define WEIGHT(weigh, x) weigh(radiance + 3 * (size_t)(x), 1.0f)
+#else
+#define WEIGHT(weigh, x) fmax(weigh(radiance + 3 * (size_t)(x), scale) - offset, 0.0f)
+#endif
 
 kernel void row_cdf(global const float *restrict radiance,
                     const uint width,
@@ -28,26 +34,25 @@ kernel void row_cdf(global const float *restrict radiance,
     radiance += y * width * 3;
     cdf += y * width;
 
-    for (size_t x = 0; x < width; ++x)
-#ifdef PLAIN
-        cdf[x] = as_uint(weight(radiance + 3 * x, 1.0f));
-#else
-        cdf[x] = as_uint(fmax(weight(radiance + 3 * x, scale) - offset, 0.0f));
-#endif
-
     float16 hi = 0.0f, lo = 0.0f;
     const uint whole = width - width % LANES;
     for (uint x = 0; x < whole; x += LANES) {
-        const float16 f = as_float16(vload16(0, cdf + x));
-        COMPENSATED_ADD(float16, hi, lo, f);
+        const float16 f = WEIGHT(weights, x);
+        *(global unaligned_uint16 *)(cdf + x) = as_uint16(f);
+        COMPENSATED_ADD_POSITIVE(float16, hi, lo, f);
     }
-    float rest[LANES] = {0.0f};
-    for (uint x = whole; x < width; ++x)
-        rest[x - whole] = as_float(cdf[x]);
-    const float16 f = vload16(0, rest);
-    COMPENSATED_ADD(float16, hi, lo, f);
+    if (whole < width) {
+        float rest[LANES] = {0.0f};
+        for (uint x = whole; x < width; ++x) {
+            const float f = WEIGHT(weight, x);
+            cdf[x] = as_uint(f);
+            rest[x - whole] = f;
+        }
+        const float16 f = vload16(0, rest);
+        COMPENSATED_ADD_POSITIVE(float16, hi, lo, f);
+    }
 
     const float2 sum = sum_of_lanes(hi, lo);
     row_sum[y] = sum;
-    weights_to_cdf(cdf, width, sum.x);
+    weights_to_cdf_prefetching(cdf, width, sum.x, radiance + 3 * (size_t)width);
 }

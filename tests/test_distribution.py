@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pyopencl as cl
 import pytest
@@ -10,7 +12,7 @@ from lightdome import buffers, reference
 from lightdome import distribution as distribution_module
 from lightdome import guide as guide_module
 from lightdome.device import Device
-from lightdome.distribution import build_distribution
+from lightdome.distribution import build_distribution, build_row_cdfs
 from lightdome.envmap import EnvironmentMap
 from lightdome.errors import LightdomeError
 from lightdome.profile import Profile
@@ -61,6 +63,24 @@ def test_cdfs_are_monotone_and_steps_are_the_weights(device: Device, shape: tupl
     assert (cdf[lit, -1] >= 2**30 - shape[1]).all()
     expected = weight[lit] / weight[lit].sum(axis=1, keepdims=True)
     np.testing.assert_allclose(steps[lit] / cdf[lit, -1:], expected, atol=2.0**-30, rtol=1e-6)
+
+
+@pytest.mark.parametrize("width", [1, 2, 15, 16, 17, 31, 32, 33, 48, 100, 1000])
+@pytest.mark.parametrize(("scale", "offset"), [(1.0, 0.0), (2.0**-3, 0.0), (2.0**-3, 0.7)])
+def test_a_row_cdf_is_the_exact_sum_of_rounded_weights(device: Device, width: int, scale: float, offset: float) -> None:
+    radiance = stiff_radiance(8, width)
+    radiance[0] *= np.float32(2.0**100)
+    radiance[2] *= np.float32(2.0**-105)  # 2^k is above the largest float32
+    arrays = build_row_cdfs(device, buffers.upload(device, radiance), scale, offset)
+    cdf, row_sum = (buffers.download(device, array) for array in arrays)
+
+    r, g, b = np.moveaxis(radiance * np.float32(scale), 2, 0)
+    weight = np.maximum(r + g + b - np.float32(offset), 0)
+    sums = np.array([math.fsum(row) for row in weight])
+    np.testing.assert_allclose(row_sum.astype(np.float64).sum(axis=1), sums, rtol=1e-13)
+    k = 31 - np.frexp(sums.astype(np.float32))[1]
+    q = np.ldexp(weight, k[:, None]) + np.float32(0.5)
+    np.testing.assert_array_equal(cdf, np.where(sums[:, None] > 0, q.astype(np.int64), 0).cumsum(axis=1))
 
 
 def test_a_million_draws_pass_chi_square_and_only_with_sin_theta(device: Device, stiff: EnvironmentMap) -> None:
