@@ -230,15 +230,22 @@ def build_cdfs(
 
 
 def build_row_cdfs(
-    device: Device, radiance: DeviceArray, scale: float, offset: float = 0.0
+    device: Device,
+    radiance: DeviceArray,
+    scale: float,
+    offset: float = 0.0,
+    out: tuple[DeviceArray, DeviceArray] | None = None,
 ) -> tuple[DeviceArray, DeviceArray]:
     """The CDFs of the rows in ``radiance`` (n, W, 3), and their sums, n double words, without sin(theta).
 
-    Keep both until the device is done: where it shares the host's memory it writes into theirs.
+    Keep both until the device is done: where it shares the host's memory it writes into theirs. ``out`` is what an
+    earlier call for as many pixels returned, to be written over.
     """
     height, width = radiance.shape[:2]
-    row_cdf = buffers.empty(device, (height, width), np.uint32)
-    row_sum = buffers.empty(device, (height, 2), np.float32)
+    row_cdf, row_sum = out or (
+        buffers.empty(device, (height, width), np.uint32),
+        buffers.empty(device, (height, 2), np.float32),
+    )
     defines = {}
     if scale == 1 and offset == 0:
         defines["PLAIN"] = 1

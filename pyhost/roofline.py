@@ -8,8 +8,8 @@ move some bytes and needs some operations, so the machine cannot finish it befor
 
 and the share of that time in the stage's own is how near it comes to the roof of Williams, Waterman, Patterson,
 Roofline: An Insightful Visual Performance Model (2009). Bandwidth is that of a copy of as many bytes as the stage
-moves: small maps fit a cache, large ones do not. See :mod:`lightdome.roofline_stages` for what is counted, and
-:mod:`lightdome.roofline_plot` for the pictures.
+moves: small maps fit a cache, large ones do not. A stage that is little more than a copy has that copy beside each of
+its runs. See :mod:`lightdome.roofline_stages` for what is counted, and :mod:`lightdome.roofline_plot` for the pictures.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ import numpy as np
 import pyopencl as cl
 
 from . import buffers
+from .buffers import DeviceArray
 from .files import replacing
 from .roofline_stages import MADE, PAIR, Stage
 
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 
 COPY_BYTES = tuple(2**k for k in (21, 23, 25, 27, 29))  # read and written together: from a cache to main memory
 COPY_BLOCK = 2048  # vectors of 4 floats that a work-item of a CPU copies
+COPY_UNIT = 16 * COPY_BLOCK  # bytes
 CHAINS = 8  # vectors of 16 multiply-adds under way in a work-item of a CPU
 ITEMS_A_UNIT = 1024  # work-items of multiply_add.cl a compute unit
 STEPS = 2**14  # sums of the chains stay whole numbers in float32
@@ -78,7 +80,8 @@ class Timing:
 
     Kernels that write memory which is new each time, as large results are, also wait for the system to clear its pages.
     ``peak_bytes`` is the host's memory that a run takes beyond what was there before; None where the system does
-    not tell. On a device that shares the host's memory, that is all of it.
+    not tell. On a device that shares the host's memory, that is all of it. ``bandwidth`` is that of copies between the
+    repeats, bytes a second, for stages that have any.
     """
 
     stage: Stage
@@ -86,6 +89,7 @@ class Timing:
     spread: float
     repeats: int
     peak_bytes: int | None
+    bandwidth: float | None = None
 
 
 @dataclass(frozen=True)
@@ -127,15 +131,24 @@ def measure_limits(device: Device) -> Limits:
 
 
 def copy(device: Device, size: int) -> tuple[np.ndarray, float]:
-    """Copy ``size`` bytes, a multiple of 32768: what arrived, float32, and the median seconds."""
+    """Copy ``size`` bytes, a multiple of COPY_UNIT: what arrived, float32, and the median seconds."""
+    start, target = _copies(device, size)
+    return buffers.download(device, target), _median(start)
+
+
+def _copies(device: Device, size: int) -> tuple[Callable[[], cl.Event], DeviceArray]:
+    """What starts a copy of ``size`` bytes, and where it goes."""
     block = 1 if device.is_gpu else COPY_BLOCK
     source, target = (buffers.empty(device, size // 4, np.float32) for _ in range(2))
     for array, value in (source, 1.5), (target, 0.0):  # touches all pages
         cl.enqueue_fill_buffer(device.queue, array.buffer, np.float32(value), 0, size)
     kernel = device.kernel("copy", BLOCK=block)
     local = (1,) if block > 1 else None
-    seconds = _median(lambda: kernel(device.queue, (size // (16 * block),), local, source.buffer, target.buffer))
-    return buffers.download(device, target), seconds
+
+    def start() -> cl.Event:
+        return kernel(device.queue, (size // (16 * block),), local, source.buffer, target.buffer)
+
+    return start, target
 
 
 def multiply_add(device: Device, steps: int) -> tuple[np.ndarray, float]:
@@ -169,15 +182,25 @@ def _median(launch: Callable[[], cl.Event]) -> float:
     for _ in range(LIMIT_REPEATS):
         events.append(launch())
         events[-1].wait()
-    return 1e-9 * statistics.median(e.profile.end - e.profile.start for e in events)
+    return statistics.median(map(_seconds, events))
+
+
+def _seconds(event: cl.Event) -> float:
+    event.wait()
+    return 1e-9 * (event.profile.end - event.profile.start)
 
 
 def measure(device: Device, stage: Stage, repeats: int) -> Timing:
     """Run ``stage`` once to warm up, then ``repeats`` times, less often where that takes too long."""
     stage.run()
+    half = max(1, round(stage.work.bytes / 2 / COPY_UNIT)) * COPY_UNIT
+    start_copy = _copies(device, half)[0] if stage.beside_copy else None
     seconds: list[float] = []
+    bandwidths: list[float] = []
     begin = time.monotonic()
     while len(seconds) < repeats and (not seconds or time.monotonic() - begin < PATIENCE):
+        if start_copy:
+            bandwidths.append(2 * half / _seconds(start_copy()))
         device.profile.clear()
         stage.run()
         timed = device.profile.seconds()
@@ -193,6 +216,7 @@ def measure(device: Device, stage: Stage, repeats: int) -> Timing:
         float(np.subtract(*np.percentile(seconds, [75, 25])) / 2),
         len(seconds),
         peak,
+        statistics.median(bandwidths) if bandwidths else None,
     )
 
 
@@ -217,7 +241,7 @@ def _memory(name: str) -> int:
 def rated(timing: Timing, limits: Limits) -> Measurement:
     """``timing`` beside ``limits``."""
     stage, work, seconds = timing.stage, timing.stage.work, timing.seconds
-    bandwidth = work.bytes / limits.bandwidth(work.bytes) / seconds
+    bandwidth = work.bytes / (timing.bandwidth or limits.bandwidth(work.bytes)) / seconds
     arithmetic = work.operations / limits.multiply_adds / seconds
     return Measurement(
         stage=stage.name,

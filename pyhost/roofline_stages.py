@@ -18,9 +18,10 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from .buffers import DeviceArray
 from .device import Device
 from .disc import disc_mask
-from .distribution import Distribution, build_distribution
+from .distribution import Distribution, build_distribution, build_row_cdfs
 from .envmap import EnvironmentMap
 from .harmonics import Harmonics, project, shade_harmonics
 from .mediancut import median_cut
@@ -67,7 +68,8 @@ class Stage:
     """One stage at one size: ``run`` does it, and ``events`` of the device's profile are its time.
 
     None stands for all events but transfers. ``map_shape`` is (height, width), None where no map is read. ``N``
-    counts samples or lights, of per-pixel estimators samples a pixel; for harmonics it is the order.
+    counts samples or lights, of per-pixel estimators samples a pixel; for harmonics it is the order. A stage that is
+    little more than a copy runs in turn with one, ``beside_copy``: a core that slept slows down both.
     """
 
     name: str
@@ -78,6 +80,7 @@ class Stage:
     map_shape: tuple[int, int] | None = None
     resolution: int | None = None
     N: int | None = None
+    beside_copy: bool = False
 
 
 def made_map(height: int) -> EnvironmentMap:
@@ -109,10 +112,17 @@ class MapStages:
     def tables(self) -> Iterator[Stage]:
         """Row CDFs, the CDF over rows, guide tables, harmonics: what depends on the map alone."""
         height, pixels = self.envmap.height, self.pixels
-        build = partial(build_distribution, self.device, self.envmap)
+        memory: list[tuple[DeviceArray, DeviceArray]] = []
+
+        def rows() -> None:
+            of_map = self.distribution
+            memory[:] = [build_row_cdfs(self.device, of_map.radiance, of_map.scale, out=memory[0] if memory else None)]
+            self.device.queue.finish()  # before the memory may be gone
+
         # A weight, their sum, rounding, the prefix sum.
         work = Work((12 + 4) * pixels, 7 * pixels, pixels, "pixels")
-        yield self._stage("row cdf", build, work, events=("row cdf",))
+        yield self._stage("row cdf", rows, work, beside_copy=True)
+        build = partial(build_distribution, self.device, self.envmap)
         work = Work((8 + 4 + 4) * height, 5 * height, height, "rows")
         yield self._stage("marginal cdf", build, work, events=("marginal cdf",))
         # Every entry of the CDFs is read and compared once, an index for every bucket is written.

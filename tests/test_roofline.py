@@ -84,6 +84,8 @@ def test_shares_are_of_the_limit_that_binds() -> None:
     assert rated.multiply_add_share == pytest.approx(0.1)
     assert (rated.bound, rated.bound_share) == ("bandwidth", rated.bandwidth_share)
     assert rated.rate == pytest.approx(50)
+    beside = roofline.rated(Timing(moving, 0.1, 0.0, 1, None, bandwidth=12e9), LIMITS)
+    assert beside.bandwidth_share == pytest.approx(2**30 / 12e9 / 0.1)
     pairs = Work(2**20, 7e9, 1e9, "pairs", pairs=1e9, skips=True)
     rated = roofline.rated(Timing(replace(moving, work=pairs), 0.01, 0.0, 1, None), LIMITS)
     assert (rated.bound, rated.counted) == ("multiply-add", "brute force")
@@ -110,6 +112,16 @@ def test_memory_that_a_run_takes_is_seen_although_it_is_free_again(device: Devic
         stage = Stage("taking", lambda mib=mib: np.ones(mib << 17), Work(1, 1, 1, "samples"))
         peak = roofline.measure(device, stage, 2).peak_bytes
         assert peak == pytest.approx(mib << 20, rel=0.1)
+
+
+def test_a_stage_beside_a_copy_is_held_against_it(device: Device) -> None:
+    stages = [
+        Stage("known", lambda: None, Work(2**18, 1, 1, "pixels"), events=(), beside_copy=b) for b in (True, False)
+    ]
+    beside, alone = (roofline.measure(device, stage, 3) for stage in stages)
+    assert beside.bandwidth > 0
+    assert beside.seconds == 0  # the copy's time is not the stage's
+    assert alone.bandwidth is None
 
 
 def test_pairs_and_arcs_are_those_of_the_sphere(device: Device) -> None:
