@@ -25,13 +25,8 @@
 // One work-item BLOCK pixels, in short loops that compilers turn into vectors. Sample s of pixel i is point s of
 // stream i, whatever ran before; the second point that `mis` needs is of stream 2^31 + i.
 
-#include "double_word.clh"
-#include "guided.clh"
-#include "sequence.clh"
-#include "normal.clh"
+#include "pixel_block.clh"
 #include "angle.clh"
-
-#define FRACTION 0x1p-32f
 
 typedef struct {
     guided_map map;
@@ -44,40 +39,6 @@ typedef struct {
     float k;
 } Light;
 
-// Vectors of BLOCK pixels or samples, by component.
-typedef struct {
-    float x[BLOCK], y[BLOCK], z[BLOCK];
-} block3;
-
-static inline void radiance_at(const Light *light, private const uint *x, private const uint *y, private block3 *L)
-{
-    for (uint k = 0; k < BLOCK; ++k)
-        PREFETCH(light->radiance + 3 * ((size_t)y[k] * light->map.width + x[k]));
-    GATHER
-    for (uint k = 0; k < BLOCK; ++k) {
-        const size_t i = (size_t)y[k] * light->map.width + x[k];
-        const float3 l = vload3(i, light->radiance);
-        L->x[k] = l.x;
-        L->y[k] = l.y;
-        L->z[k] = l.z;
-    }
-    for (uint k = 0; k < BLOCK; ++k) {
-        L->x[k] *= light->scale;
-        L->y[k] *= light->scale;
-        L->z[k] *= light->scale;
-    }
-}
-
-// sum += L weight
-static inline void add_weighted(private block3 *sum, private const block3 *L, private const float *weight)
-{
-    for (uint k = 0; k < BLOCK; ++k) {
-        sum->x[k] += L->x[k] * weight[k];
-        sum->y[k] += L->y[k] * weight[k];
-        sum->z[k] += L->z[k] * weight[k];
-    }
-}
-
 #if defined(ESTIMATOR_LIGHT)
 
 static inline void light_samples(const Light *light, private const block3 *n, private const uint *across,
@@ -86,22 +47,15 @@ static inline void light_samples(const Light *light, private const block3 *n, pr
     uint x[BLOCK], y[BLOCK], target_x[BLOCK], target_y[BLOCK];
     pick_pixels(&light->map, across, down, BLOCK, x, y, target_x, target_y);
     float sin_theta[BLOCK], cos_theta[BLOCK], sin_phi[BLOCK], cos_phi[BLOCK];
-    GATHER
-    for (uint k = 0; k < BLOCK; ++k) {
-        const float2 t = light->theta[y[k]], p = light->phi[x[k]];
-        sin_theta[k] = t.x;
-        cos_theta[k] = t.y;
-        sin_phi[k] = p.x;
-        cos_phi[k] = p.y;
-    }
+    block_directions(light->theta, light->phi, x, y, sin_theta, cos_theta, sin_phi, cos_phi);
     block3 L;
-    radiance_at(light, x, y, &L);
+    block_radiance(light->radiance, light->map.width, light->scale, x, y, &L);
     float weight[BLOCK];
     for (uint k = 0; k < BLOCK; ++k) {
         const float cosine = sin_theta[k] * (n->x[k] * cos_phi[k] + n->z[k] * sin_phi[k]) + n->y[k] * cos_theta[k];
         weight[k] = fmax(cosine, 0.0f) / (L.x[k] + L.y[k] + L.z[k]);
     }
-    add_weighted(sum, &L, weight);
+    block_add(sum, &L, weight);
 }
 
 #elif defined(ESTIMATOR_MIS)
@@ -133,7 +87,7 @@ static inline void light_samples(const Light *light, private const block3 *n, pr
         turn[k] = x[k] + rest(at, x[k] == 0, target_x[k], across[k] * map->row_total[y[k]]);
     }
     block3 L;
-    radiance_at(light, x, y, &L);
+    block_radiance(light->radiance, light->map.width, light->scale, x, y, &L);
     const float turns_a_column = 1.0f / map->width;
     float weight[BLOCK];
     for (uint k = 0; k < BLOCK; ++k) {
@@ -144,7 +98,7 @@ static inline void light_samples(const Light *light, private const block3 *n, pr
         const float q = fmax(L.x[k] + L.y[k] + L.z[k] - light->offset, 0.0f) * light->k;
         weight[k] = cosine > 0.0f && q > 0.0f ? light->k / (q / cosine + cosine / q) : 0.0f;
     }
-    add_weighted(sum, &L, weight);
+    block_add(sum, &L, weight);
 }
 
 #endif
@@ -175,7 +129,7 @@ static inline void bsdf_samples(const Light *light, private const block3 *n, pri
         cosine[k] = c;
     }
     block3 L;
-    radiance_at(light, x, y, &L);
+    block_radiance(light->radiance, light->map.width, light->scale, x, y, &L);
     float weight[BLOCK];
     for (uint k = 0; k < BLOCK; ++k) {
 #ifdef ESTIMATOR_MIS
@@ -186,7 +140,7 @@ static inline void bsdf_samples(const Light *light, private const block3 *n, pri
         weight[k] = light->k;
 #endif
     }
-    add_weighted(sum, &L, weight);
+    block_add(sum, &L, weight);
 }
 
 #endif
@@ -220,23 +174,15 @@ kernel void render(global const uint *restrict row_cdf,
     const Light light = {map, radiance, theta, phi, edge, scale, offset, k_light};
 
     const uint first = get_global_id(0) * BLOCK;
-    uint index[BLOCK], zero[BLOCK], scramble_x[BLOCK], scramble_y[BLOCK];
+    uint index[BLOCK], scramble_x[BLOCK], scramble_y[BLOCK];
     block3 normal;
-    for (uint k = 0; k < BLOCK; ++k) {
-        const uint2 at = disc[min(first + k, pixel_count - 1)];
-        const float3 n = pixel_normal(at.x, at.y, resolution);
-        index[k] = at.y * resolution + at.x;
-        zero[k] = 0;
-        normal.x[k] = n.x;
-        normal.y[k] = n.y;
-        normal.z[k] = n.z;
-    }
-    random_block(zero, index, 1u, seed, scramble_x, scramble_y);
+    block_pixels(disc, first, pixel_count, resolution, index, &normal);
+    block_scrambles(index, seed, scramble_x, scramble_y);
 #ifdef ESTIMATOR_MIS
     uint second[BLOCK], second_x[BLOCK], second_y[BLOCK];
     for (uint k = 0; k < BLOCK; ++k)
         second[k] = index[k] | 0x80000000u;
-    random_block(zero, second, 1u, seed, second_x, second_y);
+    block_scrambles(second, seed, second_x, second_y);
 #endif
 
     block3 samples;
@@ -255,14 +201,5 @@ kernel void render(global const uint *restrict row_cdf,
         bsdf_samples(&light, &normal, u, v, &samples);
 #endif
     }
-    for (uint k = 0; k < BLOCK; ++k) {
-        if (first + k >= pixel_count)
-            break;
-        const size_t at = 2 * (size_t)index[k];
-        float3 hi = vload3(at, sum), lo = vload3(at + 1, sum);
-        const float3 x = (float3)(samples.x[k], samples.y[k], samples.z[k]);
-        DOUBLE_WORD_ADD(float3, hi, lo, x);
-        vstore3(hi, at, sum);
-        vstore3(lo, at + 1, sum);
-    }
+    block_store(&samples, index, min((uint)BLOCK, pixel_count - first), sum);
 }
