@@ -20,7 +20,7 @@
 //
 // edge   cos(theta) at the height + 1 borders of rows
 // disc   pixels inside the disc, pixel_count of them
-// sum    resolution x resolution double words of 3, the samples so far; this adds samples begin .. end - 1
+// sum    high words of resolution x resolution x 3, then low words: the samples so far; this adds samples begin .. end - 1
 //
 // One work-item BLOCK pixels, in short loops that compilers turn into vectors. Sample s of pixel i is point s of
 // stream i, whatever ran before; the second point that `mis` needs is of stream 2^31 + i.
@@ -201,5 +201,5 @@ kernel void render(global const uint *restrict row_cdf,
         bsdf_samples(&light, &normal, u, v, &samples);
 #endif
     }
-    block_store(&samples, index, min((uint)BLOCK, pixel_count - first), sum);
+    block_store(&samples, index, min((uint)BLOCK, pixel_count - first), resolution, sum);
 }

@@ -9,7 +9,7 @@
 // below the horizon are drawn, and the noise of the cosine is gone but for the size of cells and tiles.
 // (Two-stage importance sampling: Cline et al. 2006; product sampling: Clarberg et al. 2005.)
 //
-// sum            resolution x resolution double words of 3; this adds samples begin .. end - 1
+// sum            high words of resolution x resolution x 3, then low words; this adds samples begin .. end - 1
 // inverse_total  of S sin(theta) over the map, so that a tile's total leaves `sum` without the map's scale
 //
 // One work-item BLOCK pixels, in short loops; pixels of a tile lie next to each other in `disc` and share its CDFs.
@@ -160,5 +160,5 @@ kernel void render_product(global const uint *restrict tile_column_cdf,
         samples.y[k] *= factor[k];
         samples.z[k] *= factor[k];
     }
-    block_store(&samples, index, min((uint)BLOCK, pixel_count - first), sum);
+    block_store(&samples, index, min((uint)BLOCK, pixel_count - first), resolution, sum);
 }

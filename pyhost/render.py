@@ -87,7 +87,7 @@ def render(
     device = distribution.device
     device.omit("code of other estimators and sequences", f"{estimator} and {sequence} are built alone")
     # First, as the largest: what a device has no room for fails at once.
-    total = buffers.zeros(device, (resolution, resolution, 2, 3), np.float32)
+    total = buffers.zeros(device, (2, resolution, resolution, 3), np.float32)
     disc = disc_tiles(resolution, 1, 1)
     defines = {f"SEQUENCE_{sequence.upper()}": 1}
     if estimator == "product":
@@ -112,7 +112,7 @@ def render(
                 done = end
                 progress.update(done / spp[-1])
             # In float64: albedo F / pi can be above float32's range where no radiance is.
-            image = buffers.download(device, total).sum(axis=2, dtype=np.float64)
+            image = np.add(*buffers.download(device, total), dtype=np.float64)
             yield target, to_float32(image * (albedo / np.pi * flux / target))
 
 

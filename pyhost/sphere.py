@@ -180,7 +180,7 @@ def exact(device: Device, envmap: EnvironmentMap, resolution: int = 511, albedo:
     word = 4 if grey else 16  # floats
     band = max(2, min(height, ARCS_ROWS, ARCS_BYTES // (8 * word * line)))
     arcs = buffers.empty(device, (band, line, 2, word), np.float32)
-    total = buffers.zeros(device, (resolution, resolution, 2, 3), np.float32)
+    total = buffers.zeros(device, (2, resolution, resolution, 3), np.float32)
 
     defines = {"GREY": 1} if grey else {}
     sums, kernel = device.kernel("arc_sums", **defines), device.kernel("exact", PIXELS=pixels, **defines)
@@ -217,7 +217,7 @@ def exact(device: Device, envmap: EnvironmentMap, resolution: int = 511, albedo:
             device.profile.record("exact", event)
             event.wait()
             progress.update((first + count) / height)
-    image = buffers.download(device, total).sum(axis=2, dtype=np.float64)
+    image = np.add(*buffers.download(device, total), dtype=np.float64)
     return to_float32(image * (albedo / scale))
 
 
