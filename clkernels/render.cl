@@ -42,20 +42,18 @@ typedef struct {
 #if defined(ESTIMATOR_LIGHT)
 
 static inline void light_samples(const Light *light, private const block3 *n, private const uint *across,
-                                 private const uint *down, private block3 *sum)
+                                 private const uint *down, private block_rgb *sum)
 {
     uint x[BLOCK], y[BLOCK], target_x[BLOCK], target_y[BLOCK];
     pick_pixels(&light->map, across, down, BLOCK, x, y, target_x, target_y);
     float sin_theta[BLOCK], cos_theta[BLOCK], sin_phi[BLOCK], cos_phi[BLOCK];
     block_directions(light->theta, light->phi, x, y, sin_theta, cos_theta, sin_phi, cos_phi);
-    block3 L;
-    block_radiance(light->radiance, light->map.width, light->scale, x, y, &L);
     float weight[BLOCK];
     for (uint k = 0; k < BLOCK; ++k) {
         const float cosine = sin_theta[k] * (n->x[k] * cos_phi[k] + n->z[k] * sin_phi[k]) + n->y[k] * cos_theta[k];
-        weight[k] = fmax(cosine, 0.0f) / (L.x[k] + L.y[k] + L.z[k]);
+        weight[k] = fmax(cosine, 0.0f);
     }
-    block_add(sum, &L, weight);
+    block_add_colours(sum, light->radiance, light->map.width, light->scale, x, y, weight);
 }
 
 #elif defined(ESTIMATOR_MIS)
@@ -69,7 +67,7 @@ static inline float rest(global const uint *at, bool first, uint target, uint lo
 
 // c L / S_c with its weight q^2 / (q^2 + c^2) is L k / (q / c + c / q): no square that could leave the range.
 static inline void light_samples(const Light *light, private const block3 *n, private const uint *across,
-                                 private const uint *down, private block3 *sum)
+                                 private const uint *down, private block_rgb *sum)
 {
     const guided_map *map = &light->map;
     uint x[BLOCK], y[BLOCK], target_x[BLOCK], target_y[BLOCK];
@@ -86,7 +84,7 @@ static inline void light_samples(const Light *light, private const block3 *n, pr
         global const uint *at = map->row_cdf + (size_t)y[k] * map->width + x[k];
         turn[k] = x[k] + rest(at, x[k] == 0, target_x[k], across[k] * map->row_total[y[k]]);
     }
-    block3 L;
+    block_rgb L;
     block_radiance(light->radiance, light->map.width, light->scale, x, y, &L);
     const float turns_a_column = 1.0f / map->width;
     float weight[BLOCK];
@@ -95,7 +93,7 @@ static inline void light_samples(const Light *light, private const block3 *n, pr
         float sin_phi, cos_phi;
         sine_cosine_of_turns(turn[k] * turns_a_column, &sin_phi, &cos_phi);
         const float cosine = sin_theta * (n->x[k] * cos_phi + n->z[k] * sin_phi) + n->y[k] * cos_theta[k];
-        const float q = fmax(L.x[k] + L.y[k] + L.z[k] - light->offset, 0.0f) * light->k;
+        const float q = fmax(RED(L, k) + GREEN(L, k) + BLUE(L, k) - light->offset, 0.0f) * light->k;
         weight[k] = cosine > 0.0f && q > 0.0f ? light->k / (q / cosine + cosine / q) : 0.0f;
     }
     block_add(sum, &L, weight);
@@ -108,7 +106,7 @@ static inline void light_samples(const Light *light, private const block3 *n, pr
 // Malley's method: even over the disc, projected up to the hemisphere, in a frame about n (Duff et al. 2017).
 // The radiance is that of the pixel that w lies in; an arc tangent keeps its digits at the poles, an arc cosine does not.
 static inline void bsdf_samples(const Light *light, private const block3 *n, private const uint *u, private const uint *v,
-                                private block3 *sum)
+                                private block_rgb *sum)
 {
     uint x[BLOCK], y[BLOCK];
     float cosine[BLOCK];
@@ -128,12 +126,12 @@ static inline void bsdf_samples(const Light *light, private const block3 *n, pri
         x[k] = min((uint)((phi < 0.0f ? phi + 1.0f : phi) * light->map.width), light->map.width - 1);
         cosine[k] = c;
     }
-    block3 L;
+    block_rgb L;
     block_radiance(light->radiance, light->map.width, light->scale, x, y, &L);
     float weight[BLOCK];
     for (uint k = 0; k < BLOCK; ++k) {
 #ifdef ESTIMATOR_MIS
-        const float q = fmax(L.x[k] + L.y[k] + L.z[k] - light->offset, 0.0f) * light->k;
+        const float q = fmax(RED(L, k) + GREEN(L, k) + BLUE(L, k) - light->offset, 0.0f) * light->k;
         const float ratio = q / fmax(cosine[k], FLT_MIN);
         weight[k] = light->k / (1.0f + ratio * ratio);
 #else
@@ -185,9 +183,7 @@ kernel void render(global const uint *restrict row_cdf,
     block_scrambles(second, seed, second_x, second_y);
 #endif
 
-    block3 samples;
-    for (uint k = 0; k < BLOCK; ++k)
-        samples.x[k] = samples.y[k] = samples.z[k] = 0.0f;
+    block_rgb samples = {{{0.0f}}};
     for (uint s = begin; s < end; ++s) {
         uint u[BLOCK], v[BLOCK];
         sequence_streams(s, index, seed, scramble_x, scramble_y, u, v);

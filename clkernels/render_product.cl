@@ -101,9 +101,7 @@ kernel void render_product(global const uint *restrict tile_column_cdf,
         last_column[k] = cells.x - 1;
     }
 
-    block3 samples;
-    for (uint k = 0; k < BLOCK; ++k)
-        samples.x[k] = samples.y[k] = samples.z[k] = 0.0f;
+    block_rgb samples = {{{0.0f}}};
     for (uint s = begin; s < end; ++s) {
         uint across[BLOCK], down[BLOCK], i[BLOCK], j[BLOCK], x[BLOCK], y[BLOCK];
         uint base[BLOCK], last[BLOCK], total[BLOCK];
@@ -133,9 +131,8 @@ kernel void render_product(global const uint *restrict tile_column_cdf,
         for (uint k = 0; k < BLOCK; ++k)
             x[k] += i[k] * cell_size.x;
 
-        block3 L, light;
+        block3 light;
         float light_reach[BLOCK], weight[BLOCK];
-        block_radiance(radiance, width, scale, x, y, &L);
         GATHER
         for (uint k = 0; k < BLOCK; ++k) {
             const float4 l = lights[j[k] * cells.x + i[k]];
@@ -151,14 +148,10 @@ kernel void render_product(global const uint *restrict tile_column_cdf,
                                + normal.z[k] * (sin_theta[k] * sin_phi[k]);
             const float c = tile.x[k] * light.x[k] + tile.y[k] * light.y[k] + tile.z[k] * light.z[k];
             const float guess = cosine_guess(c, reach[k] + light_reach[k]);
-            weight[k] = cosine > 0.0f ? cosine / guess / (L.x[k] + L.y[k] + L.z[k]) : 0.0f;
+            weight[k] = cosine > 0.0f ? cosine / guess : 0.0f;
         }
-        block_add(&samples, &L, weight);
+        block_add_colours(&samples, radiance, width, scale, x, y, weight);
     }
-    for (uint k = 0; k < BLOCK; ++k) {
-        samples.x[k] *= factor[k];
-        samples.y[k] *= factor[k];
-        samples.z[k] *= factor[k];
-    }
+    block_multiply(&samples, factor);
     block_store(&samples, index, min((uint)BLOCK, pixel_count - first), resolution, sum);
 }

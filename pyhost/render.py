@@ -90,6 +90,9 @@ def render(
     total = buffers.zeros(device, (2, resolution, resolution, 3), np.float32)
     disc = disc_tiles(resolution, 1, 1)
     defines = {f"SEQUENCE_{sequence.upper()}": 1}
+    if distribution.envmap.is_grey:
+        device.omit("two channels of three", "the map is grey")
+        defines["GREY"] = 1
     if estimator == "product":
         cdfs = build_product_cdfs(distribution, resolution)
         disc = cdfs.lit(device, disc)

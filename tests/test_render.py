@@ -140,6 +140,20 @@ def test_the_product_has_less_noise_than_the_rest(distribution: Distribution, ta
     assert error["product"] < 0.7 * min(error[e] for e in ESTIMATORS if e != "product")
 
 
+@pytest.mark.parametrize("options", ALL, ids=NAMES)
+def test_a_grey_map_gives_the_same_image_from_one_channel(device: Device, options: dict[str, object]) -> None:
+    radiance = np.repeat(stiff_radiance(16, 33)[..., :1], 3, axis=2)
+    grey, three = EnvironmentMap(radiance), EnvironmentMap(radiance)
+    vars(three)["is_grey"] = False
+    images, omitted = [], []
+    for envmap in (grey, three):
+        device.omitted.clear()
+        images.append(one(build_distribution(device, envmap), 16, **options))
+        omitted.append("two channels of three" in device.omitted)
+    assert omitted == [True, False]
+    assert np.abs(images[0] - images[1]).max() <= 1e-6 * images[1].max()
+
+
 @pytest.mark.parametrize(("resolution", "lit"), [(2, 0), (64, 0.11)])
 def test_pixels_that_see_no_light_are_black(device: Device, resolution: int, lit: float) -> None:
     radiance = np.zeros((16, 32, 3), np.float32)
