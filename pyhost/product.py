@@ -38,10 +38,11 @@ class ProductCDFs:
 
     def lit(self, device: Device, disc: np.ndarray) -> np.ndarray:
         """The pixels (x, y) of ``disc`` whose tile sees light; those of a tile, which share its CDFs, side by side."""
-        tile = disc // self.tile_size
-        order = np.lexsort(tile.T)
-        x, y = tile[order].T
-        return disc[order[buffers.download(device, self.tile_total)[y, x] > 0]]
+        total = buffers.download(device, self.tile_total)
+        x, y = disc.T // self.tile_size
+        tile = (y * len(total) + x).astype(np.uint16)  # numpy sorts 16 bits by radix
+        order = np.argsort(tile, kind="stable")
+        return disc.take(order[total.ravel()[tile[order]] > 0], axis=0)
 
 
 def build_product_cdfs(distribution: Distribution, resolution: int) -> ProductCDFs:

@@ -116,7 +116,8 @@ def render(
                 progress.update(done / spp[-1])
             # In float64: albedo F / pi can be above float32's range where no radiance is.
             image = np.add(*buffers.download(device, total), dtype=np.float64)
-            yield target, to_float32(image * (albedo / np.pi * flux / target))
+            image *= albedo / np.pi * flux / target
+            yield target, to_float32(image)
 
 
 def _black(spp: Sequence[int], resolution: int) -> Iterator[tuple[int, np.ndarray]]:

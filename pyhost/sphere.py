@@ -223,7 +223,8 @@ def exact(device: Device, envmap: EnvironmentMap, resolution: int = 511, albedo:
             event.wait()
             progress.update((first + count) / height)
     image = np.add(*buffers.download(device, total), dtype=np.float64)
-    return to_float32(image * (albedo / scale))
+    image *= albedo / scale
+    return to_float32(image)
 
 
 def _half_arcs(theta: np.ndarray, width: int, resolution: int) -> np.ndarray:
