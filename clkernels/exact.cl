@@ -10,7 +10,7 @@
 // arcs        from arc_sums.cl, for rows first .. first + rows - 1
 // half_arc    resolution x height: the half angle in columns, 0 where the row is dark, half the width where all is lit
 // tiles       (x, y) of each group of PIXELS pixels that meets the disc
-// sum         resolution x resolution double words of 3, the rows so far; this adds its rows
+// sum         2 x resolution x resolution x 3: high words, then low words of the rows so far; this adds its rows
 //
 // Source of n . M: Arvo, The Irradiance Jacobian (1994). One work-item a tile.
 
@@ -72,10 +72,10 @@ kernel void exact(global const arc *restrict arcs,
 #else
         const float3 rgb = n.x * m.s012 + n.y * m.s456 + n.z * m.s89a;
 #endif
-        const size_t at = 2 * ((size_t)tile.y * resolution + x);
-        float3 hi = vload3(at, sum), lo = vload3(at + 1, sum);
+        const size_t at = (size_t)tile.y * resolution + x, at_low = at + (size_t)resolution * resolution;
+        float3 hi = vload3(at, sum), lo = vload3(at_low, sum);
         DOUBLE_WORD_ADD(float3, hi, lo, rgb);
         vstore3(hi, at, sum);
-        vstore3(lo, at + 1, sum);
+        vstore3(lo, at_low, sum);
     }
 }

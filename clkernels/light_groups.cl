@@ -1,6 +1,6 @@
 // Bounds and sums of groups of 16 lights, for shade_tiles.cl: a tile that all of a group lights, or none, looks no closer.
 //
-// lights   6 rows of stride floats, see shade_tiles.cl
+// lights   6 rows of stride floats, or 4 with GREY, see shade_tiles.cl
 // bounds   a group's (axis, reach): a unit vector, and how far from it the directions lie
 // matrix   a group's 3 x 3 matrix, the sum of w E^T: 3 x (E_r, E_g, E_b, 0) for w_x, w_y, w_z, and 4 zeros
 //
@@ -18,8 +18,12 @@ kernel void light_groups(global const float *restrict lights,
     float3 axis = 0.0f, x = 0.0f, y = 0.0f, z = 0.0f;
     for (uint i = 0; i < LIGHTS; ++i) {
         const float3 w = (float3)(lights[i], lights[stride + i], lights[2 * (size_t)stride + i]);
+#ifdef GREY
+        const float3 E = lights[3 * (size_t)stride + i];
+#else
         const float3 E = (float3)(lights[3 * (size_t)stride + i], lights[4 * (size_t)stride + i],
                                   lights[5 * (size_t)stride + i]);
+#endif
         axis += w;
         x += E * w.x;
         y += E * w.y;

@@ -20,18 +20,13 @@
 //
 // edge   cos(theta) at the height + 1 borders of rows
 // disc   pixels inside the disc, pixel_count of them
-// sum    resolution x resolution double words of 3, the samples so far; this adds samples begin .. end - 1
+// sum    high words of resolution x resolution x 3, then low words: the samples so far; this adds samples begin .. end - 1
 //
 // One work-item BLOCK pixels, in short loops that compilers turn into vectors. Sample s of pixel i is point s of
 // stream i, whatever ran before; the second point that `mis` needs is of stream 2^31 + i.
 
-#include "double_word.clh"
-#include "guided.clh"
-#include "sequence.clh"
-#include "normal.clh"
+#include "pixel_block.clh"
 #include "angle.clh"
-
-#define FRACTION 0x1p-32f
 
 typedef struct {
     guided_map map;
@@ -44,64 +39,21 @@ typedef struct {
     float k;
 } Light;
 
-// Vectors of BLOCK pixels or samples, by component.
-typedef struct {
-    float x[BLOCK], y[BLOCK], z[BLOCK];
-} block3;
-
-static inline void radiance_at(const Light *light, private const uint *x, private const uint *y, private block3 *L)
-{
-    for (uint k = 0; k < BLOCK; ++k)
-        PREFETCH(light->radiance + 3 * ((size_t)y[k] * light->map.width + x[k]));
-    GATHER
-    for (uint k = 0; k < BLOCK; ++k) {
-        const size_t i = (size_t)y[k] * light->map.width + x[k];
-        const float3 l = vload3(i, light->radiance);
-        L->x[k] = l.x;
-        L->y[k] = l.y;
-        L->z[k] = l.z;
-    }
-    for (uint k = 0; k < BLOCK; ++k) {
-        L->x[k] *= light->scale;
-        L->y[k] *= light->scale;
-        L->z[k] *= light->scale;
-    }
-}
-
-// sum += L weight
-static inline void add_weighted(private block3 *sum, private const block3 *L, private const float *weight)
-{
-    for (uint k = 0; k < BLOCK; ++k) {
-        sum->x[k] += L->x[k] * weight[k];
-        sum->y[k] += L->y[k] * weight[k];
-        sum->z[k] += L->z[k] * weight[k];
-    }
-}
-
 #if defined(ESTIMATOR_LIGHT)
 
 static inline void light_samples(const Light *light, private const block3 *n, private const uint *across,
-                                 private const uint *down, private block3 *sum)
+                                 private const uint *down, private block_rgb *sum)
 {
     uint x[BLOCK], y[BLOCK];
     pick_pixels(&light->map, across, down, BLOCK, x, y);
     float sin_theta[BLOCK], cos_theta[BLOCK], sin_phi[BLOCK], cos_phi[BLOCK];
-    GATHER
-    for (uint k = 0; k < BLOCK; ++k) {
-        const float2 t = light->theta[y[k]], p = light->phi[x[k]];
-        sin_theta[k] = t.x;
-        cos_theta[k] = t.y;
-        sin_phi[k] = p.x;
-        cos_phi[k] = p.y;
-    }
-    block3 L;
-    radiance_at(light, x, y, &L);
+    block_directions(light->theta, light->phi, x, y, sin_theta, cos_theta, sin_phi, cos_phi);
     float weight[BLOCK];
     for (uint k = 0; k < BLOCK; ++k) {
         const float cosine = sin_theta[k] * (n->x[k] * cos_phi[k] + n->z[k] * sin_phi[k]) + n->y[k] * cos_theta[k];
-        weight[k] = fmax(cosine, 0.0f) / (L.x[k] + L.y[k] + L.z[k]);
+        weight[k] = fmax(cosine, 0.0f);
     }
-    add_weighted(sum, &L, weight);
+    block_add_colours(sum, light->radiance, light->map.width, light->scale, x, y, weight);
 }
 
 #elif defined(ESTIMATOR_MIS)
@@ -119,7 +71,7 @@ static inline void places(private const uint *u, private const uint *total, priv
 
 // c L / S_c with its weight q^2 / (q^2 + c^2) is L k / (q / c + c / q): no square that could leave the range.
 static inline void light_samples(const Light *light, private const block3 *n, private const uint *across,
-                                 private const uint *down, private block3 *sum)
+                                 private const uint *down, private block_rgb *sum)
 {
     const guided_map *map = &light->map;
     uint x[BLOCK], y[BLOCK];
@@ -147,8 +99,8 @@ static inline void light_samples(const Light *light, private const block3 *n, pr
     places(across, total, below, above, place);
     for (uint k = 0; k < BLOCK; ++k)
         turn[k] = x[k] + place[k];
-    block3 L;
-    radiance_at(light, x, y, &L);
+    block_rgb L;
+    block_radiance(light->radiance, light->map.width, light->scale, x, y, &L);
     const float turns_a_column = 1.0f / map->width;
     float weight[BLOCK];
     for (uint k = 0; k < BLOCK; ++k) {
@@ -156,10 +108,10 @@ static inline void light_samples(const Light *light, private const block3 *n, pr
         float sin_phi, cos_phi;
         sine_cosine_of_turns(turn[k] * turns_a_column, &sin_phi, &cos_phi);
         const float cosine = sin_theta * (n->x[k] * cos_phi + n->z[k] * sin_phi) + n->y[k] * cos_theta[k];
-        const float q = fmax(L.x[k] + L.y[k] + L.z[k] - light->offset, 0.0f) * light->k;
+        const float q = fmax(RED(L, k) + GREEN(L, k) + BLUE(L, k) - light->offset, 0.0f) * light->k;
         weight[k] = cosine > 0.0f && q > 0.0f ? light->k / (q / cosine + cosine / q) : 0.0f;
     }
-    add_weighted(sum, &L, weight);
+    block_add(sum, &L, weight);
 }
 
 #endif
@@ -169,7 +121,7 @@ static inline void light_samples(const Light *light, private const block3 *n, pr
 // Malley's method: even over the disc, projected up to the hemisphere, in a frame about n (Duff et al. 2017).
 // The radiance is that of the pixel that w lies in; an arc tangent keeps its digits at the poles, an arc cosine does not.
 static inline void bsdf_samples(const Light *light, private const block3 *n, private const uint *u, private const uint *v,
-                                private block3 *sum)
+                                private block_rgb *sum)
 {
     uint x[BLOCK], y[BLOCK];
     float cosine[BLOCK];
@@ -189,19 +141,19 @@ static inline void bsdf_samples(const Light *light, private const block3 *n, pri
         x[k] = min((uint)((phi < 0.0f ? phi + 1.0f : phi) * light->map.width), light->map.width - 1);
         cosine[k] = c;
     }
-    block3 L;
-    radiance_at(light, x, y, &L);
+    block_rgb L;
+    block_radiance(light->radiance, light->map.width, light->scale, x, y, &L);
     float weight[BLOCK];
     for (uint k = 0; k < BLOCK; ++k) {
 #ifdef ESTIMATOR_MIS
-        const float q = fmax(L.x[k] + L.y[k] + L.z[k] - light->offset, 0.0f) * light->k;
+        const float q = fmax(RED(L, k) + GREEN(L, k) + BLUE(L, k) - light->offset, 0.0f) * light->k;
         const float ratio = q / fmax(cosine[k], FLT_MIN);
         weight[k] = light->k / (1.0f + ratio * ratio);
 #else
         weight[k] = light->k;
 #endif
     }
-    add_weighted(sum, &L, weight);
+    block_add(sum, &L, weight);
 }
 
 #endif
@@ -237,14 +189,7 @@ kernel void render(global const uint *restrict row_cdf,
     const uint first = get_global_id(0) * BLOCK;
     uint index[BLOCK], kept_x[BLOCK], kept_y[BLOCK];
     block3 normal;
-    for (uint k = 0; k < BLOCK; ++k) {
-        const uint2 at = disc[min(first + k, pixel_count - 1)];
-        const float3 n = pixel_normal(at.x, at.y, resolution);
-        index[k] = at.y * resolution + at.x;
-        normal.x[k] = n.x;
-        normal.y[k] = n.y;
-        normal.z[k] = n.z;
-    }
+    block_pixels(disc, first, pixel_count, resolution, index, &normal);
     begin_streams(begin, index, seed, kept_x, kept_y);
 #ifdef ESTIMATOR_MIS
     uint second[BLOCK], second_x[BLOCK], second_y[BLOCK];
@@ -253,9 +198,7 @@ kernel void render(global const uint *restrict row_cdf,
     begin_streams(begin, second, seed, second_x, second_y);
 #endif
 
-    block3 samples;
-    for (uint k = 0; k < BLOCK; ++k)
-        samples.x[k] = samples.y[k] = samples.z[k] = 0.0f;
+    block_rgb samples = {{{0.0f}}};
     for (uint s = begin; s < end; ++s) {
         uint u[BLOCK], v[BLOCK];
         next_points(s, index, seed, kept_x, kept_y, u, v);
@@ -269,14 +212,5 @@ kernel void render(global const uint *restrict row_cdf,
         bsdf_samples(&light, &normal, u, v, &samples);
 #endif
     }
-    for (uint k = 0; k < BLOCK; ++k) {
-        if (first + k >= pixel_count)
-            break;
-        const size_t at = 2 * (size_t)index[k];
-        float3 hi = vload3(at, sum), lo = vload3(at + 1, sum);
-        const float3 x = (float3)(samples.x[k], samples.y[k], samples.z[k]);
-        DOUBLE_WORD_ADD(float3, hi, lo, x);
-        vstore3(hi, at, sum);
-        vstore3(lo, at + 1, sum);
-    }
+    block_store(&samples, index, min((uint)BLOCK, pixel_count - first), resolution, sum);
 }

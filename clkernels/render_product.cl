@@ -9,16 +9,60 @@
 // below the horizon are drawn, and the noise of the cosine is gone but for the size of cells and tiles.
 // (Two-stage importance sampling: Cline et al. 2006; product sampling: Clarberg et al. 2005.)
 //
-// sum            resolution x resolution double words of 3; this adds samples begin .. end - 1
+// sum            high words of resolution x resolution x 3, then low words; this adds samples begin .. end - 1
 // inverse_total  of S sin(theta) over the map, so that a tile's total leaves `sum` without the map's scale
 //
-// One work-item a pixel. Sample s of pixel i is point s of stream i, whatever ran before.
+// One work-item BLOCK pixels, in short loops; pixels of a tile lie next to each other in `disc` and share its CDFs.
+// Sample s of pixel i is point s of stream i, whatever ran before.
 
-#include "double_word.clh"
-#include "sequence.clh"
-#include "invert_cdf.clh"
-#include "normal.clh"
+#include "pixel_block.clh"
 #include "product.clh"
+
+// target[k] = u[k] total[k] / 2^32
+static inline void block_targets(private const uint *u, private const uint *total, private uint *target)
+{
+#if BLOCK % 16 == 0
+    for (uint k = 0; k < BLOCK; k += 16)
+        vstore16(mul_hi16(vload16(0, u + k), vload16(0, total + k)), 0, target + k);
+#else
+    for (uint k = 0; k < BLOCK; ++k)
+        target[k] = mul_hi(u[k], total[k]);
+#endif
+}
+
+// invert_cdf.clh's search of a block of CDFs, each of last[k] + 1 <= n integers from base[k] on: indices from 0. All take
+// the same steps; at its last integer, which is above every target, a shorter one stays where it is.
+static inline void search(global const uint *cdf, const uint n, private const uint *base, private const uint *last,
+                          private const uint *total, private const uint *u, private uint *index)
+{
+    uint target[BLOCK], at[BLOCK], found[BLOCK];
+    block_targets(u, total, target);
+    for (uint k = 0; k < BLOCK; ++k)
+        index[k] = 0;
+    for (uint left = n - 1; left > 0; left /= 2) {
+        const uint step = (left + 1) / 2;
+        for (uint k = 0; k < BLOCK; ++k)
+            at[k] = base[k] + min(index[k] + step - 1, last[k]);
+        GATHER
+        for (uint k = 0; k < BLOCK; ++k)
+            found[k] = cdf[at[k]];
+        for (uint k = 0; k < BLOCK; ++k)
+            index[k] += found[k] <= target[k] ? step : 0;
+    }
+}
+
+// The same, and u[k] becomes where in the step of the result it lay, a fraction of 2^32 as even as before.
+static inline void search_rest(global const uint *cdf, const uint n, private const uint *base,
+                               private const uint *last, private const uint *total, private uint *u, private uint *index)
+{
+    search(cdf, n, base, last, total, u, index);
+    GATHER
+    for (uint k = 0; k < BLOCK; ++k) {
+        global const uint *at = cdf + base[k] + index[k];
+        const uint below = index[k] > 0 ? at[-1] : 0;
+        u[k] = (uint)(((ulong)u[k] * total[k] - ((ulong)below << 32)) / (at[0] - below));
+    }
+}
 
 kernel void render_product(global const uint *restrict tile_column_cdf,
                            global const uint *restrict tile_row_cdf,
@@ -39,45 +83,87 @@ kernel void render_product(global const uint *restrict tile_column_cdf,
                            const float scale,
                            const float inverse_total,
                            global const uint2 *restrict disc,
+                           const uint pixel_count,
                            const uint2 seed,
                            const uint begin,
                            const uint end,
                            const int resolution,
                            global float *restrict sum)
 {
-    const uint2 at = disc[get_global_id(0)];
-    const uint index = at.y * resolution + at.x;
-    const float3 normal = pixel_normal(at.x, at.y, resolution);
-    const size_t t = (size_t)(at.y / tile_size) * tiles_across + at.x / tile_size;
-    const float4 tile = tiles[t];
-    const float total = tile_total[t];
-    if (total == 0.0f)
-        return;
-    tile_row_cdf += t * cells.y;
-    tile_column_cdf += t * cells.y * cells.x;
+    const uint first = get_global_id(0) * BLOCK;
+    uint index[BLOCK], kept_x[BLOCK], kept_y[BLOCK];
+    block3 normal;
+    block_pixels(disc, first, pixel_count, resolution, index, &normal);
+    begin_streams(begin, index, seed, kept_x, kept_y);
 
-    float3 samples = 0.0f;
-    for (uint s = begin; s < end; ++s) {
-        const uint2 point = sequence_point(s, 0u, index, seed);
-        uint across = point.x, down = point.y;
-        const uint j = invert_cdf_rest(tile_row_cdf, cells.y, &down);
-        const uint i = invert_cdf_rest(tile_column_cdf + j * cells.x, cells.x, &across);
-        const uint2 first = (uint2)(i, j) * cell_size;
-        const uint2 size = min(cell_size, (uint2)(width, height) - first);
-        const uint y = first.y + invert_cdf(row_cdf + (size_t)i * height + first.y, size.y, down);
-        const uint x = first.x + invert_cdf(column_cdf + (size_t)y * width + first.x, size.x, across);
-
-        const float2 r = theta[y], p = phi[x];
-        const float cosine = dot(normal, (float3)(r.x * p.y, r.y, r.x * p.x));
-        if (cosine > 0.0f) {
-            const float3 L = vload3((size_t)y * width + x, radiance) * scale;
-            const float guess = product_cosine(tile, lights[j * cells.x + i]);
-            samples += L * (cosine / guess / (L.x + L.y + L.z));
-        }
+    uint tile_row[BLOCK], row_total[BLOCK], last_row[BLOCK], last_column[BLOCK];
+    block3 tile;
+    float reach[BLOCK], factor[BLOCK];
+    for (uint k = 0; k < BLOCK; ++k) {
+        const uint2 at = (uint2)(index[k] % resolution, index[k] / resolution) / tile_size;
+        const uint t = at.y * tiles_across + at.x;
+        tile.x[k] = tiles[t].x;
+        tile.y[k] = tiles[t].y;
+        tile.z[k] = tiles[t].z;
+        reach[k] = tiles[t].w;
+        factor[k] = tile_total[t] * inverse_total;
+        tile_row[k] = t * cells.y;
+        row_total[k] = tile_row_cdf[tile_row[k] + cells.y - 1];
+        last_row[k] = cells.y - 1;
+        last_column[k] = cells.x - 1;
     }
-    samples *= total * inverse_total;
-    float3 hi = vload3(2 * index, sum), lo = vload3(2 * index + 1, sum);
-    DOUBLE_WORD_ADD(float3, hi, lo, samples);
-    vstore3(hi, 2 * index, sum);
-    vstore3(lo, 2 * index + 1, sum);
+
+    block_rgb samples = {{{0.0f}}};
+    for (uint s = begin; s < end; ++s) {
+        uint across[BLOCK], down[BLOCK], i[BLOCK], j[BLOCK], x[BLOCK], y[BLOCK];
+        uint base[BLOCK], last[BLOCK], total[BLOCK];
+        next_points(s, index, seed, kept_x, kept_y, across, down);
+        search_rest(tile_row_cdf, cells.y, tile_row, last_row, row_total, down, j);
+        GATHER
+        for (uint k = 0; k < BLOCK; ++k) {
+            base[k] = (tile_row[k] + j[k]) * cells.x;
+            total[k] = tile_column_cdf[base[k] + cells.x - 1];
+        }
+        search_rest(tile_column_cdf, cells.x, base, last_column, total, across, i);
+        GATHER
+        for (uint k = 0; k < BLOCK; ++k) {
+            last[k] = min(cell_size.y, height - j[k] * cell_size.y) - 1;
+            base[k] = i[k] * height + j[k] * cell_size.y;
+            total[k] = row_cdf[base[k] + last[k]];
+        }
+        search(row_cdf, cell_size.y, base, last, total, down, y);
+        GATHER
+        for (uint k = 0; k < BLOCK; ++k) {
+            y[k] += j[k] * cell_size.y;
+            last[k] = min(cell_size.x, width - i[k] * cell_size.x) - 1;
+            base[k] = y[k] * width + i[k] * cell_size.x;
+            total[k] = column_cdf[base[k] + last[k]];
+        }
+        search(column_cdf, cell_size.x, base, last, total, across, x);
+        for (uint k = 0; k < BLOCK; ++k)
+            x[k] += i[k] * cell_size.x;
+
+        block3 light;
+        float light_reach[BLOCK], weight[BLOCK];
+        GATHER
+        for (uint k = 0; k < BLOCK; ++k) {
+            const float4 l = lights[j[k] * cells.x + i[k]];
+            light.x[k] = l.x;
+            light.y[k] = l.y;
+            light.z[k] = l.z;
+            light_reach[k] = l.w;
+        }
+        float sin_theta[BLOCK], cos_theta[BLOCK], sin_phi[BLOCK], cos_phi[BLOCK];
+        block_directions(theta, phi, x, y, sin_theta, cos_theta, sin_phi, cos_phi);
+        for (uint k = 0; k < BLOCK; ++k) {
+            const float cosine = normal.x[k] * (sin_theta[k] * cos_phi[k]) + normal.y[k] * cos_theta[k]
+                               + normal.z[k] * (sin_theta[k] * sin_phi[k]);
+            const float c = tile.x[k] * light.x[k] + tile.y[k] * light.y[k] + tile.z[k] * light.z[k];
+            const float guess = cosine_guess(c, reach[k] + light_reach[k]);
+            weight[k] = cosine > 0.0f ? cosine / guess : 0.0f;
+        }
+        block_add_colours(&samples, radiance, width, scale, x, y, weight);
+    }
+    block_multiply(&samples, factor);
+    block_store(&samples, index, min((uint)BLOCK, pixel_count - first), resolution, sum);
 }

@@ -3,7 +3,8 @@
 //     image(n) = sum over lights of E max(0, n . w)
 //
 // tiles    (x, y) of each tile that meets the disc
-// lights   light_count x 6 floats: direction w, and E = albedo / pi x flux, one value a channel
+// lights   light_count x 6 floats: direction w, and E = albedo / pi x flux in red, green, blue; or with GREY x 4, as the
+//          three are the same
 // image    resolution x resolution x 3, zeroed; pixels outside the disc are left alone
 //
 // One work-item a tile of PIXELS x ROWS pixels. Lights are summed in blocks, and the blocks' sums with
@@ -12,6 +13,11 @@
 #include "double_word.clh"
 #include "sphere.clh"
 
+#ifdef GREY
+#define CHANNELS 1
+#else
+#define CHANNELS 3
+#endif
 #define BLOCK 128
 
 kernel void shade(global const uint2 *restrict tiles,
@@ -37,44 +43,47 @@ kernel void shade(global const uint2 *restrict tiles,
         nz[j] = sqrt(fmax(CONVERT_PIXELS(c2[j]), (pixels)(0.0f))) * inverse_resolution;
     }
 
-    pixels red[ROWS], green[ROWS], blue[ROWS], red_lo[ROWS], green_lo[ROWS], blue_lo[ROWS];
+    pixels sum[ROWS][CHANNELS], sum_lo[ROWS][CHANNELS];
 #pragma unroll
     for (int j = 0; j < ROWS; ++j)
-        red[j] = green[j] = blue[j] = red_lo[j] = green_lo[j] = blue_lo[j] = 0.0f;
+#pragma unroll
+        for (int c = 0; c < CHANNELS; ++c)
+            sum[j][c] = sum_lo[j][c] = 0.0f;
 
     for (uint first = 0; first < light_count; first += BLOCK) {
         const uint last = min(first + BLOCK, light_count);
-        pixels r[ROWS], g[ROWS], b[ROWS];
+        pixels block[ROWS][CHANNELS];
 #pragma unroll
         for (int j = 0; j < ROWS; ++j)
-            r[j] = g[j] = b[j] = 0.0f;
+#pragma unroll
+            for (int c = 0; c < CHANNELS; ++c)
+                block[j][c] = 0.0f;
 
         for (uint i = first; i < last; ++i) {
-            global const float *light = lights + 6 * (size_t)i;
+            global const float *light = lights + (3 + CHANNELS) * (size_t)i;
             const pixels x = nx * light[0];
 #pragma unroll
             for (int j = 0; j < ROWS; ++j) {
                 const pixels cosine = fmax(FMA(nz[j], (pixels)(light[2]), x + ny[j] * light[1]), (pixels)(0.0f));
-                r[j] = FMA(cosine, (pixels)(light[3]), r[j]);
-                g[j] = FMA(cosine, (pixels)(light[4]), g[j]);
-                b[j] = FMA(cosine, (pixels)(light[5]), b[j]);
+#pragma unroll
+                for (int c = 0; c < CHANNELS; ++c)
+                    block[j][c] = FMA(cosine, (pixels)(light[3 + c]), block[j][c]);
             }
         }
 
 #pragma unroll
-        for (int j = 0; j < ROWS; ++j) {
-            DOUBLE_WORD_ADD(pixels, red[j], red_lo[j], r[j]);
-            DOUBLE_WORD_ADD(pixels, green[j], green_lo[j], g[j]);
-            DOUBLE_WORD_ADD(pixels, blue[j], blue_lo[j], b[j]);
-        }
+        for (int j = 0; j < ROWS; ++j)
+#pragma unroll
+            for (int c = 0; c < CHANNELS; ++c)
+                DOUBLE_WORD_ADD(pixels, sum[j][c], sum_lo[j][c], block[j][c]);
     }
 
     for (int j = 0; j < ROWS; ++j) {
         float rgb[3][PIXELS];
         int inside[PIXELS];
-        STORE_PIXELS(red[j], rgb[0]);
-        STORE_PIXELS(green[j], rgb[1]);
-        STORE_PIXELS(blue[j], rgb[2]);
+        STORE_PIXELS(sum[j][0], rgb[0]);
+        STORE_PIXELS(sum[j][CHANNELS / 2], rgb[1]);
+        STORE_PIXELS(sum[j][CHANNELS - 1], rgb[2]);
         STORE_PIXELS(c2[j], inside);
         for (int k = 0; k < PIXELS; ++k)
             if (inside[k] > 0)

@@ -10,8 +10,8 @@
 // together: of most groups all light the tile, or none, and their bounds and matrix are all that is looked at.
 //
 // tiles           (x, y) of each tile that meets the disc
-// lights          6 rows of stride floats: w_x, w_y, w_z, and E = albedo / pi x flux in red, green, blue;
-//                 stride is a multiple of 16, E of the lights past the last one is zero
+// lights          6 rows of stride floats: w_x, w_y, w_z, and E = albedo / pi x flux in red, green, blue, or with GREY
+//                 4, as the three are the same; stride is a multiple of 16, E of the lights past the last one is zero
 // bounds, groups  of groups of 16 lights, see light_groups.cl
 // image           resolution x resolution x 3, zeroed; pixels outside the disc are left alone
 //
@@ -22,6 +22,11 @@
 #include "double_word.clh"
 #include "sphere.clh"
 
+#ifdef GREY
+#define CHANNELS 1
+#else
+#define CHANNELS 3
+#endif
 #define VECTORS_A_BLOCK 64  // vectors of lights whose sums are added before their rounding errors are kept
 #define LIST 128            // lights near the horizon, evaluated when the list is full
 
@@ -50,32 +55,33 @@ static inline void add_to(private wide *sum, float16 x)
     DOUBLE_WORD_ADD(float16, sum->hi, sum->lo, x);
 }
 
-// What the listed lights send to two rows of the tile, pixel by pixel: red, green, blue of one, then of the other.
+// What the listed lights send to two rows of the tile, pixel by pixel: the channels of one, then of the other.
 static inline void evaluate(private const uint *list, uint n, global const float *lights, size_t stride,
-                            float16 nx, float2 ny, private const float16 *nz, private float16 *rgb)
+                            float16 nx, float2 ny, private const float16 *nz, private float16 *sent)
 {
-    float16 r0 = 0.0f, g0 = 0.0f, b0 = 0.0f, r1 = 0.0f, g1 = 0.0f, b1 = 0.0f;
+    float16 above[CHANNELS], below[CHANNELS];
+#pragma unroll
+    for (int c = 0; c < CHANNELS; ++c)
+        above[c] = below[c] = 0.0f;
     for (uint i = 0; i < n; ++i) {
         global const float *light = lights + list[i];
         const float16 x = nx * light[0];
         const float2 y = ny * light[stride];
         const float16 wz = light[2 * stride];
-        const float16 red = light[3 * stride], green = light[4 * stride], blue = light[5 * stride];
         const float16 c0 = fmax(FMA(nz[0], wz, x + y.x), (float16)(0.0f));
         const float16 c1 = fmax(FMA(nz[1], wz, x + y.y), (float16)(0.0f));
-        r0 = FMA(c0, red, r0);
-        g0 = FMA(c0, green, g0);
-        b0 = FMA(c0, blue, b0);
-        r1 = FMA(c1, red, r1);
-        g1 = FMA(c1, green, g1);
-        b1 = FMA(c1, blue, b1);
+#pragma unroll
+        for (int c = 0; c < CHANNELS; ++c) {
+            const float16 E = light[(3 + c) * stride];
+            above[c] = FMA(c0, E, above[c]);
+            below[c] = FMA(c1, E, below[c]);
+        }
     }
-    rgb[0] = r0;
-    rgb[1] = g0;
-    rgb[2] = b0;
-    rgb[3] = r1;
-    rgb[4] = g1;
-    rgb[5] = b1;
+#pragma unroll
+    for (int c = 0; c < CHANNELS; ++c) {
+        sent[c] = above[c];
+        sent[CHANNELS + c] = below[c];
+    }
 }
 
 // A row of the tile; outside the disc nothing is written. The disc is convex: between two pixels inside all are.
@@ -143,16 +149,19 @@ kernel void shade_tiles(global const uint2 *restrict tiles,
     uint list[LIST + PIXELS];
     uint n = 0;
     bool spilled = false;
-    wide sum[ROWS * 3];
-    wide matrix[9];  // of lights, by lane
-    for (int k = 0; k < 9; ++k)
+    wide sum[ROWS * CHANNELS];
+    wide matrix[3 * CHANNELS];  // of lights, by lane
+    for (int k = 0; k < 3 * CHANNELS; ++k)
         matrix[k].hi = matrix[k].lo = 0.0f;
     wide whole;      // of groups
     whole.hi = whole.lo = 0.0f;
 
     for (uint begin = 0; begin < stride; begin += VECTORS_A_BLOCK * PIXELS) {
         const uint end = min(begin + VECTORS_A_BLOCK * PIXELS, stride);
-        float16 m0 = 0.0f, m1 = 0.0f, m2 = 0.0f, m3 = 0.0f, m4 = 0.0f, m5 = 0.0f, m6 = 0.0f, m7 = 0.0f, m8 = 0.0f;
+        float16 of_lights[3 * CHANNELS];
+#pragma unroll
+        for (int k = 0; k < 3 * CHANNELS; ++k)
+            of_lights[k] = 0.0f;
         float16 m = 0.0f;
         for (uint i = begin; i < end; i += PIXELS) {
             const float4 bound = bounds[i / PIXELS];
@@ -169,18 +178,13 @@ kernel void shade_tiles(global const uint2 *restrict tiles,
             const float16 d = FMA(wz, (float16)(axis.z), FMA(wy, (float16)(axis.y), wx * axis.x));
             const int16 lit = d >= margin;
             const float16 zero = 0.0f;
-            const float16 red = select(zero, vload16(0, light + 3 * (size_t)stride), lit);
-            const float16 green = select(zero, vload16(0, light + 4 * (size_t)stride), lit);
-            const float16 blue = select(zero, vload16(0, light + 5 * (size_t)stride), lit);
-            m0 = FMA(wx, red, m0);
-            m1 = FMA(wy, red, m1);
-            m2 = FMA(wz, red, m2);
-            m3 = FMA(wx, green, m3);
-            m4 = FMA(wy, green, m4);
-            m5 = FMA(wz, green, m5);
-            m6 = FMA(wx, blue, m6);
-            m7 = FMA(wy, blue, m7);
-            m8 = FMA(wz, blue, m8);
+#pragma unroll
+            for (int c = 0; c < CHANNELS; ++c) {
+                const float16 E = select(zero, vload16(0, light + (3 + c) * (size_t)stride), lit);
+                of_lights[3 * c] = FMA(wx, E, of_lights[3 * c]);
+                of_lights[3 * c + 1] = FMA(wy, E, of_lights[3 * c + 1]);
+                of_lights[3 * c + 2] = FMA(wz, E, of_lights[3 * c + 2]);
+            }
             int near[PIXELS];
             vstore16(fabs(d) < margin, 0, near);
             for (uint k = 0; k < PIXELS; ++k) {
@@ -188,47 +192,42 @@ kernel void shade_tiles(global const uint2 *restrict tiles,
                 n -= near[k];  // true is -1 in a vector
             }
             if (n >= LIST) {
-                for (int k = 0; !spilled && k < ROWS * 3; ++k)
+                for (int k = 0; !spilled && k < ROWS * CHANNELS; ++k)
                     sum[k].hi = sum[k].lo = 0.0f;
                 spilled = true;
                 for (int j = 0; j < ROWS; j += 2) {
-                    float16 rgb[6];
-                    evaluate(list, n, lights, stride, nx, ny[j / 2], nz + j, rgb);
-                    for (int k = 0; k < 6; ++k)
-                        add_to(sum + 3 * j + k, rgb[k]);
+                    float16 sent[2 * CHANNELS];
+                    evaluate(list, n, lights, stride, nx, ny[j / 2], nz + j, sent);
+                    for (int k = 0; k < 2 * CHANNELS; ++k)
+                        add_to(sum + CHANNELS * j + k, sent[k]);
                 }
                 n = 0;
             }
         }
         add_to(&whole, m);
-        add_to(matrix + 0, m0);
-        add_to(matrix + 1, m1);
-        add_to(matrix + 2, m2);
-        add_to(matrix + 3, m3);
-        add_to(matrix + 4, m4);
-        add_to(matrix + 5, m5);
-        add_to(matrix + 6, m6);
-        add_to(matrix + 7, m7);
-        add_to(matrix + 8, m8);
+#pragma unroll
+        for (int k = 0; k < 3 * CHANNELS; ++k)
+            add_to(matrix + k, of_lights[k]);
     }
 
     const float16 w = whole.hi + whole.lo;
     const float of_groups[9] = {w.s0, w.s4, w.s8, w.s1, w.s5, w.s9, w.s2, w.s6, w.sa};
-    float m[9];
-    for (int k = 0; k < 9; ++k)
+    float m[3 * CHANNELS];
+    for (int k = 0; k < 3 * CHANNELS; ++k)
         m[k] = of_groups[k] + (sum16(matrix[k].hi) + sum16(matrix[k].lo));
-    float16 rgb[6];
+    float16 sent[2 * CHANNELS];
     for (int j = 0; j < ROWS; ++j) {
         if (j % 2 == 0)
-            evaluate(list, n, lights, stride, nx, ny[j / 2], nz + j, rgb);
-        float16 row[3];
+            evaluate(list, n, lights, stride, nx, ny[j / 2], nz + j, sent);
+        float16 row[CHANNELS];
         const float y = j % 2 ? ny[j / 2].y : ny[j / 2].x;
-        for (int c = 0; c < 3; ++c) {
+        for (int c = 0; c < CHANNELS; ++c) {
             row[c] = FMA(nx, (float16)(m[3 * c]), FMA(nz[j], (float16)(m[3 * c + 2]), (float16)(y * m[3 * c + 1])));
-            row[c] += rgb[j % 2 * 3 + c];
+            row[c] += sent[j % 2 * CHANNELS + c];
             if (spilled)
-                row[c] += sum[3 * j + c].hi + sum[3 * j + c].lo;
+                row[c] += sum[CHANNELS * j + c].hi + sum[CHANNELS * j + c].lo;
         }
-        store_row(row[0], row[1], row[2], c2[j], image + 3 * ((tile.y + j) * (size_t)resolution + tile.x));
+        store_row(row[0], row[CHANNELS / 2], row[CHANNELS - 1], c2[j],
+                  image + 3 * ((tile.y + j) * (size_t)resolution + tile.x));
     }
 }

@@ -31,14 +31,11 @@ def disc_tiles(resolution: int, pixels: int, rows: int) -> np.ndarray:
     Tiles of a band of rows start where its widest row starts, so few of their pixels lie outside.
     """
     half = 2 * np.arange(resolution, dtype=np.int64) + 1 - resolution
-    # Pixels of row j are inside for |a| <= reach, a of the parity of R - 1.
-    room = resolution**2 - half**2
-    reach = np.sqrt(np.maximum(room - 1, 0)).astype(np.int64)
-    first = (resolution - 1 - reach + 1) // 2
-    last = resolution - 1 - first
-    tiles = []
-    for y in range(0, resolution, rows):
-        band = slice(y, min(y + rows, resolution))
-        x = np.arange(first[band].min(), last[band].max() + 1, pixels)
-        tiles.append(np.stack([x, np.full_like(x, y)], axis=1))
-    return np.concatenate(tiles).astype(np.uint32)
+    # Pixels of row j are inside for |a| <= reach, a of the parity of R - 1: from `first` to as far from the right end.
+    reach = np.sqrt(np.maximum(resolution**2 - half**2 - 1, 0)).astype(np.int64)
+    y = np.arange(0, resolution, rows)
+    first = np.minimum.reduceat((resolution - reach) // 2, y)
+    count = -((2 * first - resolution) // pixels)
+    band = np.repeat(np.arange(len(y)), count)
+    tile = np.arange(len(band)) - np.repeat(np.cumsum(count) - count, count)
+    return np.stack([first[band] + pixels * tile, y[band]], axis=1).astype(np.uint32)

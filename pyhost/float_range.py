@@ -22,4 +22,6 @@ def to_float32(image: np.ndarray, exponent: int = 0) -> np.ndarray:
     """``image`` x 2^exponent in float32; what lies beyond its largest number becomes that number."""
     if exponent:
         image = np.ldexp(image.astype(np.float64), exponent)
-    return np.clip(image, -LARGEST, LARGEST).astype(np.float32)
+    with np.errstate(over="ignore"):  # to infinity, and back
+        result = image.astype(np.float32)
+    return np.clip(result, -LARGEST, LARGEST, out=result)

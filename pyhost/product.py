@@ -15,6 +15,7 @@ import numpy as np
 
 from . import buffers
 from .buffers import DeviceArray
+from .device import Device
 from .distribution import Distribution
 
 CELLS = (64, 32)  # most cells across and down the map
@@ -34,6 +35,14 @@ class ProductCDFs:
     column_cdf: DeviceArray  # (H, W) uint32
     row_cdf: DeviceArray  # (cells across, H) uint32
     lights: DeviceArray  # (cells down, cells across, 4) float32, mean direction and reach
+
+    def lit(self, device: Device, disc: np.ndarray) -> np.ndarray:
+        """The pixels (x, y) of ``disc`` whose tile sees light; those of a tile, which share its CDFs, side by side."""
+        total = buffers.download(device, self.tile_total)
+        x, y = disc.T // self.tile_size
+        tile = (y * len(total) + x).astype(np.uint16)  # numpy sorts 16 bits by radix
+        order = np.argsort(tile, kind="stable")
+        return disc.take(order[total.ravel()[tile[order]] > 0], axis=0)
 
 
 def build_product_cdfs(distribution: Distribution, resolution: int) -> ProductCDFs:

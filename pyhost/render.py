@@ -38,6 +38,8 @@ from .progress import Progress
 if TYPE_CHECKING:
     import pyopencl as cl
 
+    from .device import Device
+
 SAMPLES_A_LAUNCH = 2**22  # pixels x spp between two updates of the progress line
 PIXELS_A_BLOCK = 128  # that a work-item of a CPU renders side by side
 SAMPLES_A_SUM = 128  # spp that a launch sums in single precision; the sum over launches is in double words
@@ -77,21 +79,26 @@ def render(
     if mis_compensation and estimator != "mis":
         raise LightdomeError(f"MIS compensation is for the estimator 'mis', not {estimator!r}")
     key = philox_key(seed)
+    spp = sorted(set(spp))
     if distribution.total == 0:
-        for target in sorted(set(spp)):
-            yield target, np.zeros((resolution, resolution, 3), np.float32)
+        yield from _black(spp, resolution)
         return
 
     device = distribution.device
     device.omit("code of other estimators and sequences", f"{estimator} and {sequence} are built alone")
     # First, as the largest: what a device has no room for fails at once.
-    total = buffers.zeros(device, (resolution, resolution, 2, 3), np.float32)
+    total = buffers.zeros(device, (2, resolution, resolution, 3), np.float32)
     disc = disc_tiles(resolution, 1, 1)
     defines = {f"SEQUENCE_{sequence.upper()}": 1}
+    if distribution.envmap.is_grey:
+        device.omit("two channels of three", "the map is grey")
+        defines["GREY"] = 1
     if estimator == "product":
         cdfs = build_product_cdfs(distribution, resolution)
-        # Pixels of a tile next to each other: they share its CDFs.
-        disc = disc[np.lexsort(disc.T // cdfs.tile_size)]
+        disc = cdfs.lit(device, disc)
+        if len(disc) == 0:
+            yield from _black(spp, resolution)
+            return
         launch = _product_launch(distribution, cdfs, disc, defines)
         flux = 3 * distribution.flux
     else:
@@ -100,16 +107,22 @@ def render(
     step = min(max(1, SAMPLES_A_LAUNCH // len(disc)), SAMPLES_A_SUM)
     done = 0
     with Progress("rendering") as progress:
-        for target in sorted(set(spp)):
+        for target in spp:
             while done < target:
                 end = min(done + step, target)
                 event = launch(key, np.uint32(done), np.uint32(end), np.int32(resolution), total.buffer)
                 device.profile.record("render", event).wait()
                 done = end
-                progress.update(done / max(spp))
+                progress.update(done / spp[-1])
             # In float64: albedo F / pi can be above float32's range where no radiance is.
-            image = buffers.download(device, total).sum(axis=2, dtype=np.float64)
-            yield target, to_float32(image * (albedo / np.pi * flux / target))
+            image = np.add(*buffers.download(device, total), dtype=np.float64)
+            image *= albedo / np.pi * flux / target
+            yield target, to_float32(image)
+
+
+def _black(spp: Sequence[int], resolution: int) -> Iterator[tuple[int, np.ndarray]]:
+    for target in spp:
+        yield target, np.zeros((resolution, resolution, 3), np.float32)
 
 
 def _launch(
@@ -129,12 +142,8 @@ def _launch(
     flux = 3 * distribution.flux * (total / distribution.total)
     guide = guide or distribution.guide
     edge = np.cos(np.pi / envmap.height * np.arange(envmap.height + 1)).astype(np.float32)
-    block = 1 if device.is_gpu else PIXELS_A_BLOCK
     launch = partial(
-        device.kernel("render", BLOCK=block, **defines),
-        device.queue,
-        (-(-len(disc) // block),),
-        None if block == 1 else (1,),
+        _in_blocks(device, "render", disc, defines),
         row_cdf.buffer,
         marginal_cdf.buffer,
         distribution.radiance.buffer,
@@ -159,10 +168,7 @@ def _product_launch(
     """The kernel ``render_product``, given all but its last arguments."""
     device, envmap = distribution.device, distribution.envmap
     return partial(
-        device.kernel("render_product", **defines),
-        device.queue,
-        (len(disc),),
-        None,
+        _in_blocks(device, "render_product", disc, defines),
         cdfs.tile_column_cdf.buffer,
         cdfs.tile_row_cdf.buffer,
         cdfs.tiles.buffer,
@@ -182,4 +188,12 @@ def _product_launch(
         np.float32(distribution.scale),
         np.float32(1 / distribution.total),
         buffers.upload(device, disc).buffer,
+        np.uint32(len(disc)),
     )
+
+
+def _in_blocks(device: Device, name: str, disc: np.ndarray, defines: dict[str, int]) -> Callable[..., cl.Event]:
+    """The kernel ``name``, a work-item a block of the disc's pixels, given all but its arguments."""
+    block = 1 if device.is_gpu else PIXELS_A_BLOCK
+    kernel = device.kernel(name, BLOCK=block, **defines)
+    return partial(kernel, device.queue, (-(-len(disc) // block),), None if block == 1 else (1,))

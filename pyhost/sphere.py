@@ -54,16 +54,21 @@ def shade(
     exponent = light_exponent(reflected.sum(axis=0).max())
     if exponent:
         reflected = np.ldexp(reflected, -exponent)
+    defines = {}
+    if (reflected[:, 1:] == reflected[:, :1]).all():
+        reflected = reflected[:, :1]
+        device.omit("two channels of three", "the lights are grey")
+        defines["GREY"] = 1
     light = np.concatenate([direction, reflected], axis=1, dtype=np.float32, casting="same_kind")
     # One place decides: a CPU skips pairs of pixel and light tile by tile, a GPU has a pixel a work-item.
     if brute_force or device.is_gpu:
         pixels, rows = device.vector_width, 1
-        kernel = device.kernel("shade", PIXELS=pixels, ROWS=rows)
+        kernel = device.kernel("shade", PIXELS=pixels, ROWS=rows, **defines)
         lights = (buffers.upload(device, light), np.uint32(len(light)))
     else:
         pixels, rows = LANES, TILE_ROWS
-        kernel = device.kernel("shade_tiles", ROWS=rows)
-        lights = _grouped(device, light)
+        kernel = device.kernel("shade_tiles", ROWS=rows, **defines)
+        lights = _grouped(device, light, defines)
         device.omit("most pairs of pixel and light", "lights that all of a tile sees are one matrix, others nothing")
     arguments = tuple(a.buffer if isinstance(a, DeviceArray) else a for a in lights)
     tiles = disc_tiles(resolution, pixels, rows)
@@ -93,17 +98,17 @@ def shade(
     return to_float32(result, exponent) if exponent else result
 
 
-def _grouped(device: Device, light: np.ndarray) -> tuple[DeviceArray | np.uint32, ...]:
-    """Lights (N, 6) as ``shade_tiles.cl`` takes them: sorted by place, with the bounds and matrices of groups."""
+def _grouped(device: Device, light: np.ndarray, defines: dict[str, int]) -> tuple[DeviceArray | np.uint32, ...]:
+    """Lights (N, 6), grey ones (N, 4), as ``shade_tiles.cl`` takes them: sorted, with groups' bounds and matrices."""
     order = np.argsort(_places(light[:, :3]), kind="stable")  # the same image from every numpy
     count = -(-len(light) // LANES) * LANES
-    rows = np.zeros((6, count), np.float32)
+    rows = np.zeros((light.shape[1], count), np.float32)
     rows[:, : len(light)] = light[order].T
     rows[:3, len(light) :] = light[order[-1], :3, None]  # no light, but where the last one is
     lights = buffers.upload(device, rows)
     bounds = buffers.empty(device, (count // LANES, 4), np.float32)
     groups = buffers.empty(device, (count // LANES, 16), np.float32)
-    event = device.kernel("light_groups")(
+    event = device.kernel("light_groups", **defines)(
         device.queue, (count // LANES,), None, lights.buffer, np.uint32(count), bounds.buffer, groups.buffer
     )
     device.profile.record("light groups", event)
@@ -180,7 +185,7 @@ def exact(device: Device, envmap: EnvironmentMap, resolution: int = 511, albedo:
     word = 4 if grey else 16  # floats
     band = max(2, min(height, ARCS_ROWS, ARCS_BYTES // (8 * word * line)))
     arcs = buffers.empty(device, (band, line, 2, word), np.float32)
-    total = buffers.zeros(device, (resolution, resolution, 2, 3), np.float32)
+    total = buffers.zeros(device, (2, resolution, resolution, 3), np.float32)
 
     defines = {"GREY": 1} if grey else {}
     sums, kernel = device.kernel("arc_sums", **defines), device.kernel("exact", PIXELS=pixels, **defines)
@@ -217,8 +222,9 @@ def exact(device: Device, envmap: EnvironmentMap, resolution: int = 511, albedo:
             device.profile.record("exact", event)
             event.wait()
             progress.update((first + count) / height)
-    image = buffers.download(device, total).sum(axis=2, dtype=np.float64)
-    return to_float32(image * (albedo / scale))
+    image = np.add(*buffers.download(device, total), dtype=np.float64)
+    image *= albedo / scale
+    return to_float32(image)
 
 
 def _half_arcs(theta: np.ndarray, width: int, resolution: int) -> np.ndarray:

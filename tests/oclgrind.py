@@ -130,13 +130,14 @@ def run_all() -> None:
         draw_pixels(distribution)
         draw_from_file(distribution)
         median_cut(distribution, 5)
+        grey = build_distribution(distribution.device, EnvironmentMap(np.ones((5, 7, 3))))
         for resolution in RESOLUTIONS:
-            light(distribution, resolution, brute_force=False)
-            light(distribution, resolution, brute_force=True)
-            exact(distribution.device, distribution.envmap, resolution)
-            exact(distribution.device, EnvironmentMap(np.ones((5, 7, 3))), resolution)
+            for any_colour in (distribution, grey):
+                light(any_colour, resolution, brute_force=False)
+                light(any_colour, resolution, brute_force=True)
+                exact(any_colour.device, any_colour.envmap, resolution)
+                draw_images(any_colour, resolution, ESTIMATORS)
             shade_harmonics(distribution.device, project(distribution.device, distribution.envmap, 3), resolution)
-            draw_images(distribution, resolution, ESTIMATORS)
         list(render(distribution, [2], RESOLUTIONS[-1], estimator="mis", mis_compensation=True))
         touch_limits(distribution.device)
         ran |= distribution.device.ran

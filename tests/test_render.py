@@ -140,6 +140,30 @@ def test_the_product_has_less_noise_than_the_rest(distribution: Distribution, ta
     assert error["product"] < 0.7 * min(error[e] for e in ESTIMATORS if e != "product")
 
 
+@pytest.mark.parametrize("options", ALL, ids=NAMES)
+def test_a_grey_map_gives_the_same_image_from_one_channel(device: Device, options: dict[str, object]) -> None:
+    radiance = np.repeat(stiff_radiance(16, 33)[..., :1], 3, axis=2)
+    grey, three = EnvironmentMap(radiance), EnvironmentMap(radiance)
+    vars(three)["is_grey"] = False
+    images, omitted = [], []
+    for envmap in (grey, three):
+        device.omitted.clear()
+        images.append(one(build_distribution(device, envmap), 16, **options))
+        omitted.append("two channels of three" in device.omitted)
+    assert omitted == [True, False]
+    assert np.abs(images[0] - images[1]).max() <= 1e-6 * images[1].max()
+
+
+@pytest.mark.parametrize(("resolution", "lit"), [(2, 0), (64, 0.11)])
+def test_pixels_that_see_no_light_are_black(device: Device, resolution: int, lit: float) -> None:
+    radiance = np.zeros((16, 32, 3), np.float32)
+    radiance[8, 20] = 1, 2, 3  # behind the sphere, to the left
+    image = one(build_distribution(device, EnvironmentMap(radiance)), 16, resolution, estimator="product")
+    expected = exact(radiance, resolution=resolution)
+    assert (expected.any(axis=2).sum() / disc_mask(resolution).sum()) == pytest.approx(lit, abs=0.02)
+    np.testing.assert_allclose(image, expected, rtol=1e-5, atol=1e-6)
+
+
 def test_cells_and_tiles_of_many_pixels_leave_nothing_out(device: Device) -> None:
     # A band of light, so that many normals see only a part of a cell; cells are 5 x 4 pixels, tiles 4 x 4.
     radiance = np.full((100, 300, 3), 1e-6, np.float32)

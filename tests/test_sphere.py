@@ -57,6 +57,22 @@ def test_skipping_pairs_changes_nothing(device: Device, stiff: EnvironmentMap, r
     assert np.abs(image - brute).max() <= 2e-6 * brute.max()
 
 
+@pytest.mark.parametrize("brute_force", [False, True])
+@pytest.mark.parametrize("count", [1, 17, 3000])
+def test_grey_lights_give_the_same_image_from_one_channel(
+    device: Device, stiff: EnvironmentMap, count: int, brute_force: bool
+) -> None:
+    samples = build_distribution(device, stiff).sample(count)
+    grey, tint = np.repeat(samples.flux[:, :1], 3, axis=1), np.array([1, 1, 2], np.float32)
+    images, omitted = [], []
+    for flux in (grey, grey * tint):
+        device.omitted.clear()
+        images.append(shade(device, samples.direction, flux, 50, brute_force=brute_force))
+        omitted.append("two channels of three" in device.omitted)
+    assert omitted == [True, False]
+    np.testing.assert_array_equal(images[0] * tint, images[1])
+
+
 def test_the_exact_image_meets_the_float64_sum(device: Device) -> None:
     radiance = stiff_radiance(64, 128)
     image = exact(device, EnvironmentMap(radiance), 33)
