@@ -19,7 +19,7 @@ from pathlib import Path
 
 import lightdome
 import pytest
-from conftest import ROOT, Script
+from conftest import LONG, ROOT, Script
 
 PAGES = [*ROOT.glob("*.md"), ROOT / "data" / "README.md", *(ROOT / "docs").rglob("*.md")]
 SCRIPTS = sorted(path.stem for path in (ROOT / "scripts").glob("*.py"))
@@ -91,7 +91,7 @@ def run(clone: Path, command: str) -> None:
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=LONG,
     )
     assert result.returncode == 0, f"{command}\n{result.stdout}{result.stderr}"
 
@@ -174,7 +174,7 @@ def test_help_says_the_defaults_and_its_example_runs(name: str, script: Script, 
 def test_the_api_reference_builds_without_a_warning(tmp_path: Path) -> None:
     pytest.importorskip("pdoc", reason="needs the extra [docs]")
     result = subprocess.run(
-        [sys.executable, ROOT / "docs" / "api.py", tmp_path], capture_output=True, text=True, timeout=120
+        [sys.executable, ROOT / "docs" / "api.py", tmp_path], capture_output=True, text=True, timeout=LONG
     )
     assert result.returncode == 0, result.stderr
     assert not result.stderr
