@@ -5,7 +5,7 @@
 // marginal_cdf  from marginal_cdf.cl, height integers
 // row, across   count integers; across as a fraction of 2^32
 //
-// One work-item a sample. sample.cl does the same where the whole map is at hand.
+// One work-item a sample, in whole groups. sample.cl does the same where the whole map is at hand.
 
 #include "sequence.clh"
 #include "invert_cdf.clh"
@@ -18,6 +18,8 @@ kernel void choose_rows(global const uint *restrict marginal_cdf,
                         global uint *restrict across)
 {
     const uint i = get_global_id(0);
+    if (i >= count)
+        return;
     const uint2 point = sequence_point(i, count, 0u, seed);
     row[i] = invert_cdf(marginal_cdf, height, point.y);
     across[i] = point.x;

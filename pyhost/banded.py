@@ -31,6 +31,8 @@ from .images import ImageRows
 from .progress import Progress
 from .samples import Samples
 
+GROUP = 64  # work-items a group: where it may choose, PoCL takes another size for nearly every count, and compiles anew
+
 
 def sample_file(
     device: Device,
@@ -90,8 +92,8 @@ def _choose_rows(
     row, across = (buffers.empty(device, count, np.uint32) for _ in range(2))
     event = device.kernel("choose_rows", **defines)(
         device.queue,
-        (count,),
-        None,
+        (-(-count // GROUP) * GROUP,),
+        (GROUP,),
         marginal_cdf.buffer,
         np.uint32(marginal_cdf.shape[0]),
         np.uint32(count),

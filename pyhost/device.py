@@ -66,6 +66,13 @@ class Device:
         """Whether kernels can work on the host's memory in place."""
         return bool(self.handle.type & cl.device_type.CPU)
 
+    def one_by_one(self, dimensions: int = 1) -> tuple[int, ...] | None:
+        """The local size for work-items that have much to do: one a group on a CPU, a GPU's driver chooses.
+
+        Left to choose, PoCL takes another local size for nearly every global one, and compiles the kernel for each.
+        """
+        return None if self.is_gpu else (1,) * dimensions
+
     def omit(self, what: str, why: str) -> None:
         """Note that something was left out because this scene does not need it; ``--explain`` prints the notes."""
         self.omitted[what] = why

@@ -76,7 +76,7 @@ def project(device: Device, envmap: EnvironmentMap, order: int = 2) -> Harmonics
     event = device.kernel("azimuth_sums")(
         device.queue,
         (order + 1, height),
-        None,
+        device.one_by_one(2),
         radiance.buffer,
         cosine.buffer,
         sine.buffer,

@@ -52,7 +52,7 @@ def median_cut(distribution: Distribution, count: int) -> Lights:
     event = device.kernel("span_sums")(
         device.queue,
         (len(span),),
-        None,
+        device.one_by_one(),
         distribution.radiance.buffer,
         distribution.phi.buffer,
         np.uint32(envmap.width),
@@ -96,7 +96,7 @@ def regions(distribution: Distribution, count: int) -> np.ndarray:
     event = device.kernel("median_cut")(
         device.queue,
         (count,),
-        None,
+        device.one_by_one(),
         table.buffer,
         lit.buffer,
         edge_sine.buffer,
@@ -156,7 +156,7 @@ def _table(distribution: Distribution, count: int) -> tuple[DeviceArray, DeviceA
     event = device.kernel("column_sums", COLUMNS=columns)(
         device.queue,
         (-(-width // columns),),
-        None,
+        device.one_by_one(),
         np.uint32(width),
         np.uint32(height),
         energy.buffer,

@@ -57,7 +57,7 @@ def build_product_cdfs(distribution: Distribution, resolution: int) -> ProductCD
     event = device.kernel("cells")(
         device.queue,
         (across, down),
-        None,
+        device.one_by_one(2),
         distribution.radiance.buffer,
         distribution.theta.buffer,
         distribution.phi.buffer,
@@ -81,7 +81,7 @@ def build_product_cdfs(distribution: Distribution, resolution: int) -> ProductCD
     event = device.kernel("product_cdf")(
         device.queue,
         (count, count),
-        None,
+        device.one_by_one(2),
         flux.buffer,
         lights.buffer,
         np.array((across, down), np.uint32),

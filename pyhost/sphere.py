@@ -109,7 +109,13 @@ def _grouped(device: Device, light: np.ndarray, defines: dict[str, int]) -> tupl
     bounds = buffers.empty(device, (count // LANES, 4), np.float32)
     groups = buffers.empty(device, (count // LANES, 16), np.float32)
     event = device.kernel("light_groups", **defines)(
-        device.queue, (count // LANES,), None, lights.buffer, np.uint32(count), bounds.buffer, groups.buffer
+        device.queue,
+        (count // LANES,),
+        device.one_by_one(),
+        lights.buffer,
+        np.uint32(count),
+        bounds.buffer,
+        groups.buffer,
     )
     device.profile.record("light groups", event)
     return lights, np.uint32(count), bounds, groups

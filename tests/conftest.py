@@ -13,7 +13,8 @@ import pytest
 from lightdome.device import Device, open_device
 from lightdome.envmap import EnvironmentMap
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).resolve().parent.parent
+LONG = 600.0  # seconds in which a child that does not hang has ended, however slow or shared the machine is
 GRACE = Path(os.environ.get("LIGHTDOME_GRACE", ROOT / "data" / "grace_latlong.exr"))
 
 
@@ -61,7 +62,7 @@ def script() -> Script:
 
     def run(name: str, *args: object, **environment: str) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, str(ROOT / "scripts" / f"{name}.py"), *map(str, args)]
-        return subprocess.run(command, capture_output=True, text=True, timeout=120, env={**os.environ, **environment})
+        return subprocess.run(command, capture_output=True, text=True, timeout=LONG, env={**os.environ, **environment})
 
     return run
 

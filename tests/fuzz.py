@@ -37,7 +37,7 @@ from lightdome.images import ImageRows, read_image
 from lightdome.progress import Progress
 from lightdome.samples import Samples
 
-SECONDS = 10.0  # that a file may take
+SECONDS = 60.0  # that a file may take, and the start of who reads it, on a busy machine too
 MEBIBYTES = 256  # that a file may cost; the valid ones have some thousand pixels
 ADDRESS_SPACE = 8 << 30  # so that a bloated worker fails instead of the machine
 COMPRESSIONS = ("none", "rle", "zip", "zips", "piz", "pxr24", "b44", "b44a", "dwaa", "dwab")

@@ -223,15 +223,15 @@ def sparse_pfm(path: Path, height: int, width: int) -> Path:
 
 @pytest.mark.skipif(not hasattr(os, "wait4"), reason="needs the peak memory of a process")
 def test_memory_is_for_bands_and_not_for_the_map(tmp_path: Path) -> None:
-    path = sparse_pfm(tmp_path / "large.pfm", 8192, 16384)  # 1536 MiB
+    path = sparse_pfm(tmp_path / "large.pfm", 4096, 8192)  # 384 MiB
     command = [sys.executable, str(ROOT / "scripts" / "part2_sample.py"), "--samples-only"]
     process = subprocess.Popen([*command, "--map", str(path), "--out", str(tmp_path)], stdout=subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     assert process.returncode == 0
-    assert usage.ru_maxrss / 1024 < 768
+    assert usage.ru_maxrss / 1024 < 560  # Python and an OpenCL take 300 to 450
     samples = Samples.load(tmp_path / "samples_1024.npz")
-    assert {(2, 1), (16383, 8189)} >= set(map(tuple, samples.pixel.tolist()))
+    assert {(2, 1), (8191, 4093)} >= set(map(tuple, samples.pixel.tolist()))
     np.testing.assert_array_equal(samples.radiance, np.tile(np.float32((1, 2, 3)), (1024, 1)))
 
 

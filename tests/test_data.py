@@ -20,8 +20,8 @@ from types import ModuleType
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from conftest import LONG, ROOT
 
-ROOT = Path(__file__).resolve().parent.parent
 MAP = ROOT / "data" / "default.exr"
 MAKE = ROOT / "scripts" / "make_default_map.py"
 GET = ROOT / "scripts" / "get_grace.py"
@@ -42,7 +42,7 @@ def script(path: Path, *arguments: str | Path) -> subprocess.CompletedProcess[st
         [sys.executable, str(path), *map(str, arguments)],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=LONG,
         env=quiet(),
     )
 
@@ -116,14 +116,23 @@ def test_default_map_lights_warmly_from_the_upper_left_and_coolly_from_the_right
     assert direction[row, column] @ np.array([-0.6, 0.5, 0.6]) / np.sqrt(0.97) > 0.9
 
 
-def test_making_the_map_refuses_a_bad_target_before_the_work(tmp_path: Path) -> None:
-    began = time.monotonic()
-    assert script(MAKE, "--out", tmp_path / "map.png").returncode == 2
-    result = script(MAKE, "--out", tmp_path / "missing" / "map.exr")
-    assert result.returncode == 1
-    assert result.stderr.startswith("make_default_map: cannot write")
-    assert result.stderr.count("\n") == 1
-    assert time.monotonic() - began < 20
+def test_making_the_map_refuses_a_bad_target_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make = load(MAKE)
+    monkeypatch.setattr(make, "render", lambda: pytest.fail("the work was begun"))
+
+    def refused(name: str) -> tuple[object, str]:
+        monkeypatch.setattr(sys, "argv", [str(MAKE), "--out", str(tmp_path / name)])
+        with pytest.raises(SystemExit) as exit_:
+            make.run(make.main)
+        return exit_.value.code, capsys.readouterr().err
+
+    assert refused("map.png")[0] == 2
+    status, errors = refused("missing/map.exr")
+    assert status == 1
+    assert errors.startswith("make_default_map: cannot write")
+    assert errors.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
 
@@ -168,7 +177,9 @@ class Handler(http.server.BaseHTTPRequestHandler):
             self.stop.wait(60)
         elif path == "/drip":
             self.answer(b"", len(BODY))
-            while not self.stop.wait(0.05):
+            for _ in range(200):
+                if self.stop.wait(0.05):
+                    return
                 self.wfile.write(b".")
         elif path == "/garbage":
             self.wfile.write(b"\x1b[31mno\r\n\r\n")
@@ -270,7 +281,7 @@ def test_a_full_disk_is_one_line(server: str, tmp_path: Path) -> None:
     command = 'ulimit -f 64; exec "$@"'
     arguments = [sys.executable, str(GET), "--from", server + "/wrong", "--out", str(tmp_path / "g.exr")]
     result = subprocess.run(
-        ["sh", "-c", command, "sh", *arguments], capture_output=True, text=True, timeout=60, env=quiet()
+        ["sh", "-c", command, "sh", *arguments], capture_output=True, text=True, timeout=LONG, env=quiet()
     )
     assert_failed(result, tmp_path, "cannot write", "free 1.7 MB", "--out")
 
@@ -284,12 +295,11 @@ def test_a_signal_leaves_nothing(server: str, tmp_path: Path, number: int, statu
         text=True,
         env=quiet(),
     )
-    until = time.monotonic() + 30
-    while not any(file.stat().st_size for file in tmp_path.iterdir()) and time.monotonic() < until:
+    while not any(file.stat().st_size for file in tmp_path.iterdir()):
+        assert process.poll() is None
         time.sleep(0.02)
-    assert list(tmp_path.iterdir())
     process.send_signal(number)
-    _, errors = process.communicate(timeout=30)
+    _, errors = process.communicate(timeout=LONG)
     assert process.returncode == status
     assert "Traceback" not in errors
     assert list(tmp_path.iterdir()) == []
@@ -299,10 +309,8 @@ def test_a_dripping_server_is_given_up(
     server: str, tmp_path: Path, get_grace: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(get_grace, "DEADLINE", 0.5)
-    began = time.monotonic()
-    with pytest.raises(get_grace.GraceError, match=r"gave up on .* in 0.5 seconds"):
+    with pytest.raises(get_grace.GraceError, match=r"gave up on .*: only \d\d? bytes in 0.5 seconds"):
         get_grace.fetch(server + "/drip", tmp_path / "g.exr")
-    assert time.monotonic() - began < 10
     assert list(tmp_path.iterdir()) == []
 
 
@@ -310,7 +318,7 @@ def test_a_silent_server_is_given_up(
     server: str, tmp_path: Path, get_grace: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(get_grace, "SILENCE", 0.3)
-    with pytest.raises(get_grace.GraceError, match=r"broke off: no answer for 0.3 seconds"):
+    with pytest.raises(get_grace.GraceError, match=r"no answer for 0.3 seconds"):  # on a slow machine not even headers
         get_grace.fetch(server + "/hang", tmp_path / "g.exr")
     assert list(tmp_path.iterdir()) == []
 
@@ -346,7 +354,7 @@ def test_get_grace_needs_nothing_installed(tmp_path: Path) -> None:
         "--out",
         str(tmp_path / "g.exr"),
     ]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    result = subprocess.run(command, capture_output=True, text=True, timeout=LONG)
     assert_failed(result, tmp_path, "no such file")
 
 

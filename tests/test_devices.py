@@ -5,17 +5,21 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import math
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pyopencl as cl
 import pytest
 from lightdome import buffers
+from lightdome.banded import sample_file
 from lightdome.buffers import DeviceArray
 from lightdome.device import Device, open_device
 from lightdome.distribution import Distribution, build_distribution
 from lightdome.envmap import EnvironmentMap
 from lightdome.errors import LightdomeError
 from lightdome.harmonics import project, shade_harmonics
+from lightdome.images import ImageRows, write_image
 from lightdome.mediancut import median_cut, regions
 from lightdome.render import ESTIMATORS, render
 from lightdome.render import SEQUENCES as RENDER_SEQUENCES
@@ -124,6 +128,32 @@ def test_nothing_depends_on_what_memory_held_before(devices: list[Device], monke
             drawn = [samples_of(distribution, "sobol"), digest(*distribution.sample_pixels(100_000))]
             results.append(drawn + [digest(image) for image in images(distribution).values()])
         assert results[0] == results[1], device.description
+
+
+def test_no_kernel_waits_for_a_compiler_at_another_size(
+    devices: list[Device], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Left to choose a local size, PoCL takes another for nearly every global one and compiles for each."""
+    fetch = Device.kernel
+
+    def checked(device: Device, name: str, **defines: int) -> Callable[..., cl.Event]:
+        def launch(
+            queue: cl.CommandQueue, size: tuple[int, ...], local: object, *args: object, **more: object
+        ) -> cl.Event:
+            # Work-items of render_product are vectorised over a group.
+            assert local is not None or name == "render_product", name
+            return fetch(device, name, **defines)(queue, size, local, *args, **more)
+
+        return launch
+
+    monkeypatch.setattr(Device, "kernel", checked)
+    write_image(tmp_path / "map.pfm", MAPS["stiff"])
+    for device in devices:
+        if not device.is_gpu:
+            distribution = build_distribution(device, EnvironmentMap(MAPS["stiff"]))
+            samples_of(distribution, "sobol")
+            images(distribution)
+            sample_file(device, ImageRows(tmp_path / "map.pfm"), [5])
 
 
 # Recorded once. What draws or computes others breaks every user's files.

@@ -59,9 +59,10 @@ def test_the_exact_image_meets_float64(grace: EnvironmentMap, target: np.ndarray
 def test_shading_meets_float64(device: Device, distribution: Distribution) -> None:
     samples = distribution.sample(1024)
     image = shade_samples(device, samples, 511)
-    mask = disc_mask(511)
-    expected = reference.shade(reference.normals(511)[mask], samples.direction, samples.radiance, samples.density)
-    assert np.abs(image[mask] - expected).max() < 1e-6 * expected.max()
+    some = np.argwhere(disc_mask(511))[::17]  # 17 and 511 have no common factor: of all tiles, at all places in them
+    y, x = some.T
+    expected = reference.shade(reference.normals(511)[y, x], samples.direction, samples.radiance, samples.density)
+    assert np.abs(image[y, x] - expected).max() < 1e-6 * expected.max()
 
 
 def test_errors_of_shared_samples(device: Device, distribution: Distribution, target: np.ndarray) -> None:

@@ -87,7 +87,8 @@ def stop_at_random(name: str, number: signal.Signals, count: int, inputs: Path) 
     rng = np.random.default_rng(0)
     run = Run(name, inputs)
     run.clear()
-    run.finish()  # fills the caches
+    if name != "part2_sample":  # whose run for the inputs has filled the caches
+        run.finish()
     seconds = run.finish()
     whole = run.content()
     ends = {path: data[-8:] for path, data in run.files().items() if path.endswith((".png", ".svg", ".json"))}
@@ -116,7 +117,7 @@ def stop_at_random(name: str, number: signal.Signals, count: int, inputs: Path) 
 def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("inputs")
     # The first runs probe, compile and keep: all that is written into caches is written in them.
-    for after in (0.6, 0.9, 1.2):
+    for after in (0.7, 1.1):
         Run("part2_sample", folder).stop(signal.SIGKILL, after)
     return make_inputs(folder)
 
@@ -135,7 +136,7 @@ def make_inputs(folder: Path) -> Path:
     [("part2_sample", signal.SIGKILL), ("part2_sample", signal.SIGTERM), ("part3_shade", signal.SIGINT)],
 )
 def test_a_run_that_is_stopped_leaves_no_half_file(name: str, number: signal.Signals, inputs: Path) -> None:
-    stop_at_random(name, number, 3, inputs)
+    stop_at_random(name, number, 2, inputs)
 
 
 def test_caches_whose_writing_was_stopped_are_used(inputs: Path) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import LONG
 from lightdome import reference
 from lightdome.device import Device
 from lightdome.distribution import build_distribution
@@ -123,7 +124,7 @@ def test_a_folder_that_is_not_there_is_told_in_words(lights: Lights, tmp_path: P
 
 @pytest.mark.skipif(not PBRT, reason="no pbrt on PATH, nor named by the environment variable LIGHTDOME_PBRT")
 def test_pbrt_draws_the_same_sphere(device: Device, tmp_path: Path) -> None:
-    banner = subprocess.run([str(PBRT)], capture_output=True, text=True, input="", timeout=60)
+    banner = subprocess.run([str(PBRT)], capture_output=True, text=True, input="", timeout=LONG)
     version = int(re.search(r"pbrt version (\d)", banner.stdout + banner.stderr)[1])
     # Mild colours: version 4 renders spectra, and saturated ones carry noise of their own.
     rng = np.random.default_rng(5)
@@ -133,7 +134,7 @@ def test_pbrt_draws_the_same_sphere(device: Device, tmp_path: Path) -> None:
     write_pbrt(tmp_path / "lights.pbrt", lights)
     (tmp_path / "scene.pbrt").write_text(SCENE[version])
     result = subprocess.run(
-        [str(PBRT), "--quiet", "scene.pbrt"], cwd=tmp_path, capture_output=True, text=True, timeout=600
+        [str(PBRT), "--quiet", "scene.pbrt"], cwd=tmp_path, capture_output=True, text=True, timeout=LONG
     )
     assert result.returncode == 0, result.stdout + result.stderr
     image = read_image(tmp_path / ("image.pfm" if version == 3 else "image.exr"))

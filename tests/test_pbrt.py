@@ -7,12 +7,11 @@ import os
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import PYTHON_PROGRAM
+from conftest import LONG, PYTHON_PROGRAM
 from lightdome.disc import disc_mask
 from lightdome.envmap import EnvironmentMap
 from lightdome.equiarea import equal_area_side, to_equal_area
@@ -215,7 +214,7 @@ def test_a_program_is_found_on_path(tmp_path, monkeypatch):
 )
 def test_a_program_that_is_no_known_pbrt_is_refused(tmp_path, body, message):
     with pytest.raises(LightdomeError, match=message):
-        find_pbrt(stand_in(tmp_path, body), timeout=0.5 if "sleep" in body else 20)
+        find_pbrt(stand_in(tmp_path, body), timeout=0.5 if "sleep" in body else LONG)
 
 
 @posix
@@ -247,19 +246,21 @@ def test_a_path_without_a_program_is_refused(tmp_path):
 def test_a_run_that_fails_says_how_in_one_line(tmp_path, scene, body, message):
     program = Pbrt(stand_in(tmp_path, ANSWER + body), 4)
     with pytest.raises(LightdomeError, match=message) as caught:
-        render_scene(program, scene, timeout=0.4 if "sleep" in body else 20)
+        render_scene(program, scene, timeout=0.4 if "sleep" in body else LONG)
     assert "\n" not in str(caught.value)
 
 
 @posix
 def test_nothing_that_a_stopped_program_started_lives_on(tmp_path, scene):
+    os.mkfifo(tmp_path / "pipe")
     program = tmp_path / "wrapper"
-    program.write_text(f"#!/bin/sh\n(sleep 1; echo alive > '{tmp_path}/alive') &\nwait\n")
+    program.write_text(f"#!/bin/sh\n(sleep 5; echo alive) > '{tmp_path}/pipe' &\nwait\n")
     program.chmod(0o755)
-    with pytest.raises(LightdomeError, match="was stopped"):
-        render_scene(Pbrt(program, 4), scene, timeout=0.3)
-    time.sleep(1.2)
-    assert not (tmp_path / "alive").exists()
+    with os.fdopen(os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)) as pipe:
+        with pytest.raises(LightdomeError, match="was stopped"):
+            render_scene(Pbrt(program, 4), scene, timeout=0.3)
+        os.set_blocking(pipe.fileno(), True)
+        assert pipe.read() == ""  # ends as soon as nothing lives that could write into it
 
 
 COPY = ANSWER + "import shutil; shutil.copy(IMAGE, sys.argv[sys.argv.index('--outfile') + 1])\n"
@@ -342,7 +343,7 @@ def test_the_real_pbrt_draws_our_image_the_right_way_up(tmp_path):
     radiance[5:9, 10:14] = (40, 10, 4)  # above, to the right, before the sphere
     radiance[20:22, 24:26] = (1, 8, 30)  # below, to the left
     scenes = write_scenes(tmp_path, EnvironmentMap(radiance), [256], 31, versions=[program.version])
-    [(_, image)] = render(program, scenes, timeout=300)
+    [(_, image)] = render(program, scenes, timeout=LONG)
     expected = exact(radiance, 31)
     np.testing.assert_allclose(image.mean(axis=(0, 1)), expected.mean(axis=(0, 1)), rtol=0.01)
     turned = [np.rot90(flip, k) for k in range(4) for flip in (image, image[:, ::-1])]

@@ -7,6 +7,7 @@ import hashlib
 import importlib.util
 import json
 import shutil
+import sys
 import zipfile
 from collections import defaultdict
 from pathlib import Path
@@ -91,16 +92,31 @@ def test_the_archive_holds_the_report_and_all_images_with_their_sums(made: Path)
     assert same == (made / "report" / "part3" / "sphere_64.pfm").read_bytes()
 
 
-def test_the_same_inputs_give_the_same_bytes(script: Script, small_map: Path, made: Path, tmp_path: Path) -> None:
-    shutil.copytree(made, tmp_path / "out")
-    second = tmp_path / "out" / "report"
+@pytest.fixture(scope="module")
+def figures(the_script: ModuleType, small_map: Path, made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The figures of a report that is made again, in this process, into ``out/report`` beside them."""
+    folder = tmp_path_factory.mktemp("again")
+    shutil.copytree(made, folder / "out")
+    second = folder / "out" / "report"
     for name in (report.PDF, report.ARCHIVE):
         (second / name).unlink()
-    result = script("report", "--quick", "--map", small_map, "--out", second)
-    assert result.returncode == 0, result.stderr
-    assert "running" not in result.stdout
+    draw = report._draw
+
+    def draw_and_keep(*arguments: object) -> None:
+        draw(*arguments)
+        shutil.copytree(arguments[-1], folder / "figures")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report, "_draw", draw_and_keep)
+        patch.setattr(the_script, "run", lambda *_: pytest.fail("the results are there"))
+        patch.setattr(sys, "argv", ["report.py", "--quick", "--map", str(small_map), "--out", str(second)])
+        the_script.main()
+    return folder / "figures"
+
+
+def test_the_same_inputs_give_the_same_bytes(made: Path, figures: Path) -> None:
     for name in (report.PDF, report.ARCHIVE):
-        assert (second / name).read_bytes() == (made / "report" / name).read_bytes()
+        assert (figures.parent / "out" / "report" / name).read_bytes() == (made / "report" / name).read_bytes()
 
 
 @pytest.fixture(scope="module")
@@ -243,7 +259,10 @@ def test_the_stability_table_shows_failures_and_peers_beside_them(made: Path) ->
     assert [(row["case"], row["note"], row["cells"][0]["text"]) for row in peer["rows"]] == [("NaN", "", "1")]
 
 
-def test_the_renderer_and_other_programs_are_named(device: Device, small_map: Path, made: Path, tmp_path: Path) -> None:
+def test_the_renderer_and_other_programs_are_named(
+    device: Device, small_map: Path, made: Path, figures: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(report, "_draw", lambda *arguments: shutil.copytree(figures, arguments[-1], dirs_exist_ok=True))
     envmap, ours = EnvironmentMap.read(small_map), results_of(made)
     part4 = {**ours.settings["part4"], "pbrt": "PBRT-v4", "device": None}
     theirs = report.Results(ours.folders, {**ours.settings, "part4": part4})
@@ -299,7 +318,8 @@ def test_a_missing_extra_is_one_line(script: Script, tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
-def test_what_a_script_refuses_is_one_line_and_ends_the_report(script: Script, tmp_path: Path) -> None:
+def test_what_a_script_refuses_is_one_line_and_ends_the_report(script: Script, made: Path, tmp_path: Path) -> None:
+    shutil.copytree(made / "report" / "part1", tmp_path / "out" / "part1")
     write_image(tmp_path / "black.pfm", np.zeros((8, 16, 3), np.float32))
     result = script("report", "--quick", "--map", tmp_path / "black.pfm", "--out", tmp_path / "out" / "report")
     fails_in_one_line(result, "black everywhere")

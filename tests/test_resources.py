@@ -102,7 +102,8 @@ def test_a_file_that_fails_on_the_way_leaves_nothing(tmp_path: Path) -> None:
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 def test_output_that_cannot_be_printed_is_one_line(inputs: Path, unbuffered: str) -> None:
-    program = [sys.executable, str(ROOT / "scripts" / "part1_fresnel.py"), "--out", str(inputs / "printed")]
+    arguments = [str(word) for word in command("part3_shade", inputs)[1:]]
+    program = [sys.executable, str(ROOT / "scripts" / "part3_shade.py"), *arguments, "--out", str(inputs / "printed")]
     with Path("/dev/full").open("w") as full:
         environment = {**os.environ, "PYTHONUNBUFFERED": unbuffered}
         result = subprocess.run(program, stdout=full, stderr=subprocess.PIPE, text=True, env=environment)

@@ -8,8 +8,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-
-ROOT = Path(__file__).resolve().parent.parent
+from conftest import LONG, ROOT
 
 # The system's programs that set-up, the stand-ins and nothing else may find.
 # fmt: off
@@ -89,7 +88,7 @@ class Machine:
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
-            timeout=60,
+            timeout=LONG,
         )
 
     @property
@@ -239,9 +238,15 @@ def test_two_at_once_wait_for_each_other(machine: Machine) -> None:
         pytest.skip("no flock on this machine: set-up goes without")
     machine.has("device")
     lock = machine.clone / "scripts" / "setup.sh"
-    with subprocess.Popen([flock, lock, "sleep", "0.5"]) as holder:
+    waits = machine.state / "waits"
+    machine.program("flock", f'#!/bin/bash\n{flock} "$@" && exit\ntouch "$STATE/waits"\nexit 1\n')
+    hold = 'until [ -e "$1" ]; do sleep 0.01; done'
+    with subprocess.Popen([flock, lock, "bash", "-c", hold, "_", waits]) as holder:
         while subprocess.run([flock, "-n", lock, "true"]).returncode == 0:
             assert holder.poll() is None
-        result = machine.set_up()
+        try:
+            result = machine.set_up()
+        finally:
+            waits.touch()
     assert result.returncode == 0, result.stderr
     assert "waiting for another set-up" in result.stdout
