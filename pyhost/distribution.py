@@ -108,7 +108,7 @@ class Distribution:
         event = self.device.kernel("map_weights")(
             self.device.queue,
             (height,),
-            (1,),
+            self.device.one_by_one(),
             self.radiance.buffer,
             np.uint32(width),
             np.float32(self.scale),
@@ -161,7 +161,7 @@ class Distribution:
                 event = kernel(
                     device.queue,
                     (min(step, blocks - begin),),
-                    None if block == 1 else (1,),
+                    device.one_by_one(),
                     self.row_cdf.buffer,
                     self.marginal_cdf.buffer,
                     radiance.buffer,
@@ -253,7 +253,7 @@ def build_row_cdfs(
     event = device.kernel("row_cdf", **defines)(
         device.queue,
         (height,),
-        (1,),
+        device.one_by_one(),
         radiance.buffer,
         np.uint32(width),
         np.float32(scale),

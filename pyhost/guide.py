@@ -52,7 +52,14 @@ def build_guide(device: Device, row_cdf: DeviceArray, marginal_cdf: DeviceArray)
         guide = buffers.empty(device, (count, 2**bits, 2), np.uint32)
         total = buffers.empty(device, count, np.uint32)
         event = device.kernel("guide")(
-            device.queue, (count,), (1,), cdf.buffer, np.uint32(n), np.uint32(32 - bits), guide.buffer, total.buffer
+            device.queue,
+            (count,),
+            device.one_by_one(),
+            cdf.buffer,
+            np.uint32(n),
+            np.uint32(32 - bits),
+            guide.buffer,
+            total.buffer,
         )
         device.profile.record("guide", event)
         return guide, total, 32 - bits

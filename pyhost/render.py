@@ -196,4 +196,4 @@ def _in_blocks(device: Device, name: str, disc: np.ndarray, defines: dict[str, i
     """The kernel ``name``, a work-item a block of the disc's pixels, given all but its arguments."""
     block = 1 if device.is_gpu else PIXELS_A_BLOCK
     kernel = device.kernel(name, BLOCK=block, **defines)
-    return partial(kernel, device.queue, (-(-len(disc) // block),), None if block == 1 else (1,))
+    return partial(kernel, device.queue, (-(-len(disc) // block),), device.one_by_one())

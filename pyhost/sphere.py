@@ -201,7 +201,7 @@ def exact(device: Device, envmap: EnvironmentMap, resolution: int = 511, albedo:
             event = sums(
                 device.queue,
                 (count,),
-                (1,),
+                device.one_by_one(),
                 radiance.buffer,
                 rows.buffer,
                 columns.buffer,

@@ -140,8 +140,7 @@ def test_no_kernel_waits_for_a_compiler_at_another_size(
         def launch(
             queue: cl.CommandQueue, size: tuple[int, ...], local: object, *args: object, **more: object
         ) -> cl.Event:
-            # Work-items of render_product are vectorised over a group.
-            assert local is not None or name == "render_product", name
+            assert local is not None, name
             return fetch(device, name, **defines)(queue, size, local, *args, **more)
 
         return launch
