@@ -158,9 +158,10 @@ static inline void bsdf_samples(const Light *light, private const block3 *n, pri
 
 #endif
 
-kernel void render(global const uint *restrict row_cdf,
+kernel void render(global const float *restrict radiance,
+#ifndef ESTIMATOR_BSDF
+                   global const uint *restrict row_cdf,
                    global const uint *restrict marginal_cdf,
-                   global const float *restrict radiance,
                    global const uint2 *restrict marginal_guide,
                    global const uint2 *restrict row_guide,
                    global const uint *restrict row_total,
@@ -169,6 +170,7 @@ kernel void render(global const uint *restrict row_cdf,
                    global const float2 *restrict theta,
                    global const float2 *restrict phi,
                    global const float *restrict edge,
+#endif
                    const uint width,
                    const uint height,
                    const float scale,
@@ -182,9 +184,20 @@ kernel void render(global const uint *restrict row_cdf,
                    const int resolution,
                    global float *restrict sum)
 {
-    const guided_map map = {row_cdf,   marginal_cdf,   marginal_guide, row_guide, row_total,
-                            marginal_shift, row_shift, width,          height};
-    const Light light = {map, radiance, theta, phi, edge, scale, offset, k_light};
+    const Light light = {
+#ifdef ESTIMATOR_BSDF
+        .map = {.width = width, .height = height},
+#else
+        .map = {row_cdf, marginal_cdf, marginal_guide, row_guide, row_total, marginal_shift, row_shift, width, height},
+        .theta = theta,
+        .phi = phi,
+        .edge = edge,
+#endif
+        .radiance = radiance,
+        .scale = scale,
+        .offset = offset,
+        .k = k_light,
+    };
 
     const uint first = get_global_id(0) * BLOCK;
     uint index[BLOCK], kept_x[BLOCK], kept_y[BLOCK];

@@ -140,17 +140,18 @@ def _launch(
             offset = mean
             guide = build_guide(device, row_cdf, marginal_cdf)
     flux = 3 * distribution.flux * (total / distribution.total)
-    guide = guide or distribution.guide
-    edge = np.cos(np.pi / envmap.height * np.arange(envmap.height + 1)).astype(np.float32)
+    of_light: tuple[object, ...] = ()
+    if "ESTIMATOR_BSDF" in defines:
+        device.omit("guide tables", "directions of the cosine need no search")
+    else:
+        guide = guide or distribution.guide
+        edge = np.cos(np.pi / envmap.height * np.arange(envmap.height + 1)).astype(np.float32)
+        angles = (distribution.theta.buffer, distribution.phi.buffer, buffers.upload(device, edge).buffer)
+        of_light = (row_cdf.buffer, marginal_cdf.buffer, *guide.arguments, *angles)
     launch = partial(
         _in_blocks(device, "render", disc, defines),
-        row_cdf.buffer,
-        marginal_cdf.buffer,
         distribution.radiance.buffer,
-        *guide.arguments,
-        distribution.theta.buffer,
-        distribution.phi.buffer,
-        buffers.upload(device, edge).buffer,
+        *of_light,
         np.uint32(envmap.width),
         np.uint32(envmap.height),
         np.float32(scale),
