@@ -16,46 +16,14 @@
 // Sample s of pixel i is point s of stream i, whatever ran before.
 
 #include "pixel_block.clh"
+#include "block_search.clh"
 #include "product.clh"
 
-// target[k] = u[k] total[k] / 2^32
-static inline void block_targets(private const uint *u, private const uint *total, private uint *target)
-{
-#if BLOCK % 16 == 0
-    for (uint k = 0; k < BLOCK; k += 16)
-        vstore16(mul_hi16(vload16(0, u + k), vload16(0, total + k)), 0, target + k);
-#else
-    for (uint k = 0; k < BLOCK; ++k)
-        target[k] = mul_hi(u[k], total[k]);
-#endif
-}
-
-// invert_cdf.clh's search of a block of CDFs, each of last[k] + 1 <= n integers from base[k] on: indices from 0. All take
-// the same steps; at its last integer, which is above every target, a shorter one stays where it is.
-static inline void search(global const uint *cdf, const uint n, private const uint *base, private const uint *last,
-                          private const uint *total, private const uint *u, private uint *index)
-{
-    uint target[BLOCK], at[BLOCK], found[BLOCK];
-    block_targets(u, total, target);
-    for (uint k = 0; k < BLOCK; ++k)
-        index[k] = 0;
-    for (uint left = n - 1; left > 0; left /= 2) {
-        const uint step = (left + 1) / 2;
-        for (uint k = 0; k < BLOCK; ++k)
-            at[k] = base[k] + min(index[k] + step - 1, last[k]);
-        GATHER
-        for (uint k = 0; k < BLOCK; ++k)
-            found[k] = cdf[at[k]];
-        for (uint k = 0; k < BLOCK; ++k)
-            index[k] += found[k] <= target[k] ? step : 0;
-    }
-}
-
-// The same, and u[k] becomes where in the step of the result it lay, a fraction of 2^32 as even as before.
+// block_search, and u[k] becomes where in the step of the result it lay, a fraction of 2^32 as even as before.
 static inline void search_rest(global const uint *cdf, const uint n, private const uint *base,
                                private const uint *last, private const uint *total, private uint *u, private uint *index)
 {
-    search(cdf, n, base, last, total, u, index);
+    block_search(cdf, n, base, last, total, u, index);
     GATHER
     for (uint k = 0; k < BLOCK; ++k) {
         global const uint *at = cdf + base[k] + index[k];
@@ -131,7 +99,7 @@ kernel void render_product(global const uint *restrict tile_column_cdf,
             base[k] = i[k] * height + j[k] * cell_size.y;
             total[k] = row_cdf[base[k] + last[k]];
         }
-        search(row_cdf, cell_size.y, base, last, total, down, y);
+        block_search(row_cdf, cell_size.y, base, last, total, down, y);
         GATHER
         for (uint k = 0; k < BLOCK; ++k) {
             y[k] += j[k] * cell_size.y;
@@ -139,7 +107,7 @@ kernel void render_product(global const uint *restrict tile_column_cdf,
             base[k] = y[k] * width + i[k] * cell_size.x;
             total[k] = column_cdf[base[k] + last[k]];
         }
-        search(column_cdf, cell_size.x, base, last, total, across, x);
+        block_search(column_cdf, cell_size.x, base, last, total, across, x);
         for (uint k = 0; k < BLOCK; ++k)
             x[k] += i[k] * cell_size.x;
 

@@ -14,11 +14,11 @@
 //
 // One work-item BLOCK samples, in short loops that compilers turn into vectors.
 
+#include "block_search.clh"
 #include "guided.clh"
 #ifndef SEQUENCE_GIVEN
 #include "sequence.clh"
 #endif
-#include "invert_cdf.clh"
 #include "stream.clh"
 
 #pragma OPENCL FP_CONTRACT OFF
@@ -55,9 +55,10 @@ kernel void sample(global const uint *restrict row_cdf,
     const uint begin = get_global_id(0) * BLOCK, n = min((uint)BLOCK, count - begin);
     uint across[BLOCK], down[BLOCK], x[BLOCK], y[BLOCK];
 #ifdef SEQUENCE_GIVEN
-    for (uint k = 0; k < n; ++k) {
-        across[k] = points[begin + k].x;
-        down[k] = points[begin + k].y;
+    for (uint k = 0; k < BLOCK; ++k) {
+        const uint2 u = k < n ? points[begin + k] : (uint2)(0u);
+        across[k] = u.x;
+        down[k] = u.y;
     }
 #else
     sequence_block(begin, count, 0u, seed, across, down);
@@ -68,10 +69,20 @@ kernel void sample(global const uint *restrict row_cdf,
                             marginal_shift, row_shift, width,          height};
     pick_pixels(&map, across, down, n, x, y);
 #else
-    for (uint k = 0; k < n; ++k) {
-        y[k] = invert_cdf(marginal_cdf, height, down[k]);
-        x[k] = invert_cdf(row_cdf + (size_t)y[k] * width, width, across[k]);
+    uint base[BLOCK], last[BLOCK], total[BLOCK];
+    for (uint k = 0; k < BLOCK; ++k) {
+        base[k] = 0;
+        last[k] = height - 1;
+        total[k] = marginal_cdf[height - 1];
     }
+    block_search(marginal_cdf, height, base, last, total, down, y);
+    GATHER
+    for (uint k = 0; k < BLOCK; ++k) {
+        base[k] = y[k] * width;
+        last[k] = width - 1;
+        total[k] = row_cdf[base[k] + width - 1];
+    }
+    block_search(row_cdf, width, base, last, total, across, x);
 #endif
 
     float f[BLOCK], sin_theta[BLOCK], cos_theta[BLOCK];

@@ -64,8 +64,8 @@ def main() -> None:
         "Write report.pdf, typeset, and lightdome-report.zip with it and every .pfm and .ppm.\n\n"
         "Results of parts 1 to 4, bench.py and stability.py are taken from the folders part1 to part4, bench and"
         " stability beside DIR if they are of this map and version; the others are run, into DIR, and measure numpy,"
-        " Mitsuba and PBRT too where they are there. All of it afresh takes about half an hour on two cores, most of it"
-        " bench.py, and longer with Mitsuba and PBRT.",
+        " Mitsuba and PBRT too where they are there. All of it afresh takes about half an hour on two cores with"
+        " Mitsuba and PBRT, and less without.",
         "scripts/report.py --quick",
         "out/report",
     )
