@@ -28,7 +28,8 @@ kernel void guide(global const uint *restrict cdf,
         return;
     uint first = 0, end = 0;
     for (uint b = 0; b < buckets; ++b) {
-        const uint least = mul_hi(b << shift, sum), most = mul_hi((b << shift) | ((1u << shift) - 1), sum);
+        const ulong begin = (ulong)(b << shift) * sum, next = begin + ((ulong)sum << shift);
+        const uint least = begin >> 32, most = (next - sum) >> 32;  // of u = b << shift, and of the last u before the next
         while (cdf[first] <= least)
             ++first;
         end = max(end, first);

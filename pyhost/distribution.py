@@ -26,7 +26,7 @@ from .samples import SEQUENCES, Samples
 
 SAMPLES_A_LAUNCH = 2**22  # between two updates of the progress line
 SAMPLES_A_BLOCK = 256  # that a work-item of a CPU draws side by side
-SAMPLES_A_PIXEL = 1 / 4  # of the map, from which on a guide pays for itself
+SAMPLES_A_PIXEL = 1 / 8  # of the map, from which on a guide pays for itself
 BLACK = "the map is black everywhere, so there is no light to sample; use another map"
 
 

@@ -77,10 +77,12 @@ def main() -> None:
 
 
 def make(args: argparse.Namespace) -> None:
-    from lightdome import peer_mitsuba, report, settings
+    from lightdome import pbrt, peer_mitsuba, report, settings
     from lightdome.device import open_device
 
     report.require_typst()
+    if args.pbrt:
+        pbrt.find_pbrt(args.pbrt)  # before work that would be for nothing
     out = cli.output_folder(args.out)
     envmap = cli.load_map(args)
     device = open_device(args.device)
@@ -119,14 +121,14 @@ def make(args: argparse.Namespace) -> None:
     options = {"quick": args.quick}
     mitsuba = ["mitsuba"] if peer_mitsuba.installed() else []
     part4 = runs.settings["part4"]
-    pbrt = ["pbrt"] if part4["pbrt"] else []
+    peer_pbrt = ["pbrt"] if part4["pbrt"] else []
     runs.need(
         "bench",
         "bench.py",
         "bench.json",
         of_map | {"options": options | {"methods": None}},
-        *("--peers", "numpy", *mitsuba, *pbrt, *quick, *on_map),
-        *(["--pbrt", part4["options"]["pbrt"]] if pbrt and part4["options"]["pbrt"] else []),
+        *("--peers", "numpy", *mitsuba, *peer_pbrt, *quick, *on_map),
+        *(["--pbrt", part4["options"]["pbrt"]] if peer_pbrt and part4["options"]["pbrt"] else []),
     )
     runs.need(
         "stability",

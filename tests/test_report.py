@@ -311,6 +311,12 @@ def test_a_map_behind_the_sphere_is_refused(device: Device, made: Path, tmp_path
     assert not list(tmp_path.iterdir())
 
 
+def test_a_pbrt_that_is_not_there_costs_no_work(script: Script, tmp_path: Path) -> None:
+    result = script("report", "--quick", "--pbrt", tmp_path / "nowhere", "--out", tmp_path / "out")
+    fails_in_one_line(result, "nowhere")
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_missing_extra_is_one_line(script: Script, tmp_path: Path) -> None:
     (tmp_path / "typst.py").write_text("raise ImportError('not installed')\n")
     result = script("report", "--quick", "--out", tmp_path / "out", PYTHONPATH=str(tmp_path))
