@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     from .device import Device
 
-SAMPLES_A_LAUNCH = 2**22  # pixels x spp between two updates of the progress line
+SAMPLES_A_LAUNCH = 2**25  # pixels x spp between two updates of the progress line
 PIXELS_A_BLOCK = 128  # that a work-item of a CPU renders side by side
 SAMPLES_A_SUM = 128  # spp that a launch sums in single precision; the sum over launches is in double words
 ESTIMATORS = ("light", "bsdf", "mis", "product")
