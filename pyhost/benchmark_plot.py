@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from .benchmark import Measurement, pareto_front, slope
 from .disc import disc_mask
@@ -56,6 +57,14 @@ def _axes(title: str) -> tuple[Figure, Axes]:
     return figure, axes
 
 
+def _label_decades(axes: Axes) -> None:
+    """Plain numbers at 1, 2 and 5 of each decade, or at 1 where decades are many; matplotlib's would overlap."""
+    for axis, (low, high) in (axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim()):
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 300 * low else (1,)))
+        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axis.set_minor_formatter(NullFormatter())
+
+
 def error_against_time(points: Sequence[Measurement], title: str) -> Figure:
     """Log-log, a line a method, the Pareto front drawn, with read-outs at equal error and equal time."""
     exact = [p for p in points if p.rmse < ROUNDING]
@@ -86,6 +95,7 @@ def error_against_time(points: Sequence[Measurement], title: str) -> Figure:
     axes.set_ylabel("relative RMSE over the sphere, %")
     for m in exact:
         axes.axvline(1e3 * m.wall_seconds, color="black", linewidth=1, label=f"{m.method}, {m.wall_seconds:.2g} s")
+    _label_decades(axes)
     # Beside the plot: inside, they would cover points.
     axes.legend(
         fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1), title=_read_outs(points), title_fontproperties=READ_OUT
@@ -123,6 +133,7 @@ def error_against_count(points: Sequence[Measurement], title: str) -> Figure:
         )
     axes.set_xlabel("count: samples or lights in all, samples a pixel, or order")
     axes.set_ylabel("relative RMSE over the sphere, %")
+    _label_decades(axes)
     if lines:
         axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1))
     return figure
