@@ -39,7 +39,7 @@ kernel void row_cdf(global const float *restrict radiance,
     for (uint x = 0; x < whole; x += LANES) {
         const float16 f = WEIGHT(weights, x);
         *(global unaligned_uint16 *)(cdf + x) = as_uint16(f);
-        COMPENSATED_ADD_POSITIVE(float16, hi, lo, f);
+        COMPENSATED_ADD(float16, hi, lo, f);
     }
     if (whole < width) {
         float rest[LANES] = {0.0f};
@@ -49,7 +49,7 @@ kernel void row_cdf(global const float *restrict radiance,
             rest[x - whole] = f;
         }
         const float16 f = vload16(0, rest);
-        COMPENSATED_ADD_POSITIVE(float16, hi, lo, f);
+        COMPENSATED_ADD(float16, hi, lo, f);
     }
 
     const float2 sum = sum_of_lanes(hi, lo);

@@ -213,6 +213,18 @@ def test_guided_searches_end_where_plain_ones_do(
         np.testing.assert_array_equal(guided, plain)
 
 
+def test_a_point_on_a_step_within_a_bucket_finds_the_next_pixel(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    radiance = np.ones((1, 64, 3), np.float32)
+    radiance[0, ::2] = 3  # steps at whole 128ths, every other one in the middle of a guide's bucket
+    edges = np.cumsum(radiance[0, :, 0], dtype=np.float64)[:-1] / 128
+    points = np.stack([np.concatenate([edges, edges - 2.0**-32]), np.zeros(126)], axis=1)
+    monkeypatch.setattr(distribution_module, "SAMPLES_A_PIXEL", 0)
+    x = build_distribution(device, EnvironmentMap(radiance)).sample_at(points).pixel[:, 0]
+    np.testing.assert_array_equal(x, np.concatenate([np.arange(1, 64), np.arange(63)]))
+
+
 @pytest.mark.parametrize("guided_from", [0, np.inf])
 def test_pixels_alone_are_those_of_samples(
     device: Device, stiff: EnvironmentMap, guided_from: float, monkeypatch: pytest.MonkeyPatch
