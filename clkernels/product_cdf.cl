@@ -60,7 +60,8 @@ kernel void product_cdf(global const float *restrict flux,
         float row_sum = 0.0f;
         for (uint i = 0; i < cells.x; ++i) {
             const uint cell = j * cells.x + i;
-            const float g = flux[cell] * product_cosine(tile, lights[cell]);
+            const float4 light = lights[cell];
+            const float g = flux[cell] * cosine_guess(plain_dot(tile.xyz, light.xyz), tile.w + light.w);
             column_cdf[cell] = as_uint(g);
             row_sum += g;
         }

@@ -103,13 +103,17 @@ static inline void light_samples(const Light *light, private const block3 *n, pr
     block_radiance(light->radiance, light->map.width, light->scale, x, y, &L);
     const float turns_a_column = 1.0f / map->width;
     float weight[BLOCK];
-    for (uint k = 0; k < BLOCK; ++k) {
-        const float sin_theta = sqrt(fmax((1.0f - cos_theta[k]) * (1.0f + cos_theta[k]), 0.0f));
-        float sin_phi, cos_phi;
-        sine_cosine_of_turns(turn[k] * turns_a_column, &sin_phi, &cos_phi);
-        const float cosine = sin_theta * (n->x[k] * cos_phi + n->z[k] * sin_phi) + n->y[k] * cos_theta[k];
-        const float q = fmax(RED(L, k) + GREEN(L, k) + BLUE(L, k) - light->offset, 0.0f) * light->k;
-        weight[k] = cosine > 0.0f && q > 0.0f ? light->k / (q / cosine + cosine / q) : 0.0f;
+    for (uint k = 0; k < BLOCK; k += WIDTH) {
+        const wide cos_theta_k = LOAD_WIDE(cos_theta + k);
+        const wide sin_theta = sqrt(fmax((1.0f - cos_theta_k) * (1.0f + cos_theta_k), (wide)(0.0f)));
+        wide sin_phi, cos_phi;
+        sine_cosine_of_turns(LOAD_WIDE(turn + k) * turns_a_column, &sin_phi, &cos_phi);
+        const wide cosine = sin_theta * (LOAD_WIDE(n->x + k) * cos_phi + LOAD_WIDE(n->z + k) * sin_phi)
+                          + LOAD_WIDE(n->y + k) * cos_theta_k;
+        const wide S = LOAD_WIDE(&RED(L, k)) + LOAD_WIDE(&GREEN(L, k)) + LOAD_WIDE(&BLUE(L, k));
+        const wide q = fmax(S - light->offset, (wide)(0.0f)) * light->k;
+        const wide sum_of_ratios = q / cosine + cosine / q;
+        STORE_WIDE(cosine > 0.0f && q > 0.0f ? light->k / sum_of_ratios : (wide)(0.0f), weight + k);
     }
     block_add(sum, &L, weight);
 }
@@ -123,34 +127,37 @@ static inline void light_samples(const Light *light, private const block3 *n, pr
 static inline void bsdf_samples(const Light *light, private const block3 *n, private const uint *u, private const uint *v,
                                 private block_rgb *sum)
 {
+    const float width = light->map.width, height = light->map.height;
     uint x[BLOCK], y[BLOCK];
     float cosine[BLOCK];
-    for (uint k = 0; k < BLOCK; ++k) {
-        const float r2 = u[k] * FRACTION;
-        const float r = sqrt(r2), c = sqrt(1.0f - r2);
-        float sine, cosine_of_angle;
-        sine_cosine(v[k], &sine, &cosine_of_angle);
-        const float p = r * cosine_of_angle, q = r * sine;
-        const float nx = n->x[k], ny = n->y[k], nz = n->z[k];
-        const float a = -1.0f / (1.0f + nz), b = nx * ny * a;
-        const float wx = p * (1.0f + nx * nx * a) + q * b + c * nx;
-        const float wy = p * b + q * (1.0f + ny * ny * a) + c * ny;
-        const float wz = c * nz - p * nx - q * ny;
-        const float theta = 2.0f * turns(sqrt(wx * wx + wz * wz), wy), phi = turns(wz, wx);
-        y[k] = min((uint)(theta * light->map.height), light->map.height - 1);
-        x[k] = min((uint)((phi < 0.0f ? phi + 1.0f : phi) * light->map.width), light->map.width - 1);
-        cosine[k] = c;
+    for (uint k = 0; k < BLOCK; k += WIDTH) {
+        const wide r2 = WIDE_FLOAT(LOAD_WIDE(u + k)) * FRACTION;
+        const wide r = sqrt(r2), c = sqrt(1.0f - r2);
+        wide sine, cosine_of_angle;
+        sine_cosine(LOAD_WIDE(v + k), &sine, &cosine_of_angle);
+        const wide p = r * cosine_of_angle, q = r * sine;
+        const wide nx = LOAD_WIDE(n->x + k), ny = LOAD_WIDE(n->y + k), nz = LOAD_WIDE(n->z + k);
+        const wide a = -1.0f / (1.0f + nz), b = nx * ny * a;
+        const wide wx = p * (1.0f + nx * nx * a) + q * b + c * nx;
+        const wide wy = p * b + q * (1.0f + ny * ny * a) + c * ny;
+        const wide wz = c * nz - p * nx - q * ny;
+        const wide theta = 2.0f * turns(sqrt(wx * wx + wz * wz), wy), phi = turns(wz, wx);
+        const wide_uint row = WIDE_UINT(theta * height), column = WIDE_UINT((phi < 0.0f ? phi + 1.0f : phi) * width);
+        STORE_WIDE(min(row, light->map.height - 1), y + k);
+        STORE_WIDE(min(column, light->map.width - 1), x + k);
+        STORE_WIDE(c, cosine + k);
     }
     block_rgb L;
     block_radiance(light->radiance, light->map.width, light->scale, x, y, &L);
     float weight[BLOCK];
-    for (uint k = 0; k < BLOCK; ++k) {
+    for (uint k = 0; k < BLOCK; k += WIDTH) {
 #ifdef ESTIMATOR_MIS
-        const float q = fmax(RED(L, k) + GREEN(L, k) + BLUE(L, k) - light->offset, 0.0f) * light->k;
-        const float ratio = q / fmax(cosine[k], FLT_MIN);
-        weight[k] = light->k / (1.0f + ratio * ratio);
+        const wide S = LOAD_WIDE(&RED(L, k)) + LOAD_WIDE(&GREEN(L, k)) + LOAD_WIDE(&BLUE(L, k));
+        const wide q = fmax(S - light->offset, (wide)(0.0f)) * light->k;
+        const wide ratio = q / fmax(LOAD_WIDE(cosine + k), (wide)(FLT_MIN));
+        STORE_WIDE(light->k / (1.0f + ratio * ratio), weight + k);
 #else
-        weight[k] = light->k;
+        STORE_WIDE((wide)(light->k), weight + k);
 #endif
     }
     block_add(sum, &L, weight);

@@ -123,12 +123,16 @@ kernel void render_product(global const uint *restrict tile_column_cdf,
         }
         float sin_theta[BLOCK], cos_theta[BLOCK], sin_phi[BLOCK], cos_phi[BLOCK];
         block_directions(theta, phi, x, y, sin_theta, cos_theta, sin_phi, cos_phi);
-        for (uint k = 0; k < BLOCK; ++k) {
-            const float cosine = normal.x[k] * (sin_theta[k] * cos_phi[k]) + normal.y[k] * cos_theta[k]
-                               + normal.z[k] * (sin_theta[k] * sin_phi[k]);
-            const float c = tile.x[k] * light.x[k] + tile.y[k] * light.y[k] + tile.z[k] * light.z[k];
-            const float guess = cosine_guess(c, reach[k] + light_reach[k]);
-            weight[k] = cosine > 0.0f ? cosine / guess : 0.0f;
+        for (uint k = 0; k < BLOCK; k += WIDTH) {
+            const wide sine = LOAD_WIDE(sin_theta + k);
+            const wide cosine = LOAD_WIDE(normal.x + k) * (sine * LOAD_WIDE(cos_phi + k))
+                              + LOAD_WIDE(normal.y + k) * LOAD_WIDE(cos_theta + k)
+                              + LOAD_WIDE(normal.z + k) * (sine * LOAD_WIDE(sin_phi + k));
+            const wide c = LOAD_WIDE(tile.x + k) * LOAD_WIDE(light.x + k)
+                         + LOAD_WIDE(tile.y + k) * LOAD_WIDE(light.y + k)
+                         + LOAD_WIDE(tile.z + k) * LOAD_WIDE(light.z + k);
+            const wide guess = cosine_guess(c, LOAD_WIDE(reach + k) + LOAD_WIDE(light_reach + k));
+            STORE_WIDE(cosine > 0.0f ? cosine / guess : (wide)(0.0f), weight + k);
         }
         block_add_colours(&samples, radiance, width, scale, x, y, weight);
     }
