@@ -1,6 +1,13 @@
 #!/usr/bin/env python3
 """Benchmark: how much error does a millisecond buy, and with which method?"""
 
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import _venv  # noqa: F401 - goes on in .venv if lightdome is not here
+
+# isort: split
 import argparse
 from dataclasses import asdict
 

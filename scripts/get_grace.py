@@ -5,8 +5,6 @@ Standard library only, so that it runs before anything is installed. The file ap
 only when its size and SHA-256 are right; whatever goes wrong, nothing is left behind.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import errno
@@ -25,6 +23,10 @@ import urllib.request
 from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO, NoReturn
+
+if sys.version_info < (3, 10):  # noqa: UP036 - an older one may well run this
+    sys.path.insert(0, str(Path(__file__).resolve().parent))
+    import _venv  # noqa: F401 - goes on with the Python of .venv
 
 URL = "https://raw.githubusercontent.com/mmp/pbrt-v2/master/scenes/textures/grace_latlong.exr"
 SIZE = 1_726_329

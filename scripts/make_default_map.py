@@ -16,8 +16,13 @@ only the sines of the pixel angles are not, and these are rounded to 2^-40. The 
 come out on every machine.
 """
 
-from __future__ import annotations
+import sys
+from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import _venv  # noqa: F401 - goes on in .venv if lightdome is not here
+
+# isort: split
 import argparse
 import math
 import signal
@@ -26,18 +31,14 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from lightdome.cli import run
 from lightdome.errors import LightdomeError
 from lightdome.files import replacing
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 WIDTH, HEIGHT = 1024, 512
 SUPERSAMPLES = 3  # a side: 9 rays a pixel
@@ -567,7 +568,7 @@ class Chapel:
     patches: list[Patch]
 
     @classmethod
-    def lit(cls) -> Chapel:
+    def lit(cls) -> "Chapel":
         """The chapel with its light."""
         direct = sources()
         return cls(direct + bounced(direct))

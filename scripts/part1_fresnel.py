@@ -1,8 +1,13 @@
 #!/usr/bin/env python3
 """Part 1: Fresnel reflectance of a dielectric in air, and how close Schlick's approximation comes."""
 
-from __future__ import annotations
+import sys
+from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import _venv  # noqa: F401 - goes on in .venv if lightdome is not here
+
+# isort: split
 import argparse
 import json
 from dataclasses import asdict

@@ -1,9 +1,14 @@
 #!/usr/bin/env python3
 """Part 2: draw light directions from an environment map and show where they fell."""
 
-from __future__ import annotations
-
 import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import _venv  # noqa: F401 - goes on in .venv if lightdome is not here
+
+# isort: split
+from argparse import Namespace
 from typing import TYPE_CHECKING
 
 from lightdome import cli
@@ -11,9 +16,6 @@ from lightdome.errors import LightdomeError
 from lightdome.samples import SEQUENCES
 
 if TYPE_CHECKING:
-    from argparse import Namespace
-    from pathlib import Path
-
     from lightdome.device import Device
     from lightdome.images import ImageRows
 
@@ -78,12 +80,13 @@ def main() -> None:
             raise LightdomeError(large) from error
 
 
-def write_samples(args: Namespace, out: Path, image: ImageRows, device: Device) -> None:
+def write_samples(args: Namespace, out: Path, image: "ImageRows", device: "Device") -> None:
     from lightdome import settings
     from lightdome.banded import sample_file
     from lightdome.envmap import shape_note
 
-    if note := shape_note(image.height, image.width):
+    note = shape_note(image.height, image.width)
+    if note:
         print(note, file=sys.stderr)
     names = []
     for samples in sample_file(device, image, args.counts, args.seed, args.sequence, sanitize=args.sanitize):
@@ -95,7 +98,7 @@ def write_samples(args: Namespace, out: Path, image: ImageRows, device: Device) 
     settings.write(out, settings.settings(device, None, vars(args)) | {"map": of_map}, names)
 
 
-def write_samples_and_pictures(args: Namespace, out: Path, device: Device) -> None:
+def write_samples_and_pictures(args: Namespace, out: Path, device: "Device") -> None:
     from lightdome import settings
     from lightdome.distribution import build_distribution
     from lightdome.images import auto_exposure, tone_map, write_image

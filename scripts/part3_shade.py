@@ -1,7 +1,13 @@
 #!/usr/bin/env python3
 """Part 3: shade a diffuse sphere with the samples of part 2."""
 
+import sys
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import _venv  # noqa: F401 - goes on in .venv if lightdome is not here
+
+# isort: split
 
 from lightdome import cli
 from lightdome.errors import LightdomeError

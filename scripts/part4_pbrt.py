@@ -1,11 +1,15 @@
 #!/usr/bin/env python3
 """Part 4: the same sphere by Monte Carlo, with fresh samples for every pixel, by PBRT or on an OpenCL device."""
 
-from __future__ import annotations
+import sys
+from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import _venv  # noqa: F401 - goes on in .venv if lightdome is not here
+
+# isort: split
 import argparse
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lightdome import cli
@@ -52,7 +56,7 @@ def parse_arguments() -> argparse.Namespace:
     return args
 
 
-def with_opencl(args: argparse.Namespace, envmap: EnvironmentMap, device: Device) -> Images:
+def with_opencl(args: argparse.Namespace, envmap: "EnvironmentMap", device: "Device") -> "Images":
     """The images from our own renderer."""
     from lightdome.distribution import build_distribution
     from lightdome.render import render

@@ -1,11 +1,16 @@
 #!/usr/bin/env python3
 """The written report as PDF, and a zip of it and all images, from what is there or from fresh runs."""
 
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import _venv  # noqa: F401 - goes on in .venv if lightdome is not here
+
+# isort: split
 import argparse
 import subprocess
-import sys
 from collections.abc import Mapping
-from pathlib import Path
 
 from lightdome import __version__, cli
 

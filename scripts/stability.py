@@ -1,6 +1,13 @@
 #!/usr/bin/env python3
 """Stability: what becomes of a sampler on maps that break samplers, measured against float64."""
 
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import _venv  # noqa: F401 - goes on in .venv if lightdome is not here
+
+# isort: split
 import argparse
 from contextlib import ExitStack
 
