@@ -265,6 +265,11 @@ def write_image(path: str | Path, pixels: np.ndarray) -> None:
         spec.attribute("pnm:pfmflip", 0)
         spec.attribute("pnm:binary", 1)
     with replacing(path) as temporary:
+        if path.suffix.lower() == ".pfm":  # OpenImageIO before 3.2 scrambles those larger than 64 MiB
+            with temporary.open("wb") as stream:
+                stream.write(b"PF\n%d %d\n-1.0000\n" % (width, height))
+                stream.write(np.ascontiguousarray(pixels[::-1], "<f4"))
+            return
         file = oiio.ImageOutput.create(str(temporary))
         if file is None:
             raise cannot_write(path, _reason(oiio.geterror))
