@@ -27,7 +27,7 @@ from .errors import LightdomeError
 from .peer_pbrt import PbrtPeer
 
 NAMES = ("numpy", "mitsuba", "pbrt")
-INSTALL = "pip install lightdome[peers]"
+INSTALL = "pip install 'lightdome[peers]'"
 
 Timed = Callable[[int, int, int], tuple[np.ndarray, dict[str, float]]]  # (resolution, count, seed) -> image, stages
 
