@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pyopencl as cl
 import pytest
-from lightdome import buffers
+from lightdome import buffers, probe
 from lightdome.device import Device, open_device
 from lightdome.errors import LightdomeError
 from lightdome.programs import Programs, source
@@ -63,6 +63,36 @@ def test_the_probe_names_the_best_device() -> None:
     result = subprocess.run([sys.executable, "-m", "lightdome.probe"], capture_output=True, text=True)
     assert result.returncode == 0
     assert result.stdout.strip() == open_device().description
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "said"),
+    [
+        ("--help", 0, "usage: python -m lightdome.probe"),
+        ("0", 2, "expected"),
+        ("a b", 2, "'a'"),
+        ("0 0 0", 2, "usage"),
+        ("0 1.5", 2, "'1.5'"),
+        ("0 999", 1, "no OpenCL device 0 999"),
+        ("999 0", 1, "no OpenCL device 999 0"),
+        ("-1 0", 1, "no OpenCL device -1 0"),
+    ],
+)
+def test_the_probe_has_a_command_line(arguments: str, status: int, said: str) -> None:
+    command = [sys.executable, "-m", "lightdome.probe", *arguments.split()]
+    result = subprocess.run(command, capture_output=True, text=True)
+    assert result.returncode == status
+    assert said in result.stdout + result.stderr
+    assert "Traceback" not in result.stderr
+    assert status != 1 or result.stderr.count("\n") == 1
+
+
+def test_the_probe_says_why_a_device_fails_in_one_line(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    platform = cl.get_platforms().index(device.handle.platform)
+    monkeypatch.setattr(probe, "_SOURCE", "kernel void probe(global float *a) { undeclared; }")
+    with pytest.raises(LightdomeError, match="undeclared") as error:
+        probe.probe(platform, device.handle.platform.get_devices().index(device.handle))
+    assert "\n" not in str(error.value)
 
 
 def test_a_kernel_is_built_once_per_set_of_defines(device: Device) -> None:
