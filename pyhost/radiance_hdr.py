@@ -6,10 +6,10 @@ there may be several lines, and all divide. Spaces round ``=`` and other case ar
 space tells of a picture that this one was made from, and does not count. The line of the size comes last, in any of
 its eight orientations.
 
-Each scan line is packed by component (lines that begin with 2 2), or plain pixels, or plain pixels with the run
-lengths of old: pixels (1, 1, 1, n) repeat the one before n times, and n counts 256 times as much in each that
-follows another. OpenImageIO takes the last for light, turns two of the orientations, ignores both factors,
-and refuses many sound headers, so that none of this is left to it.
+Each scan line is packed by component (it begins with 2 2), or plain pixels, or plain pixels with the run lengths of
+old: pixels (1, 1, 1, n) repeat the one before n times, and n counts 256 times as much in each that follows another.
+OpenImageIO takes the last for light, turns two of the orientations, ignores both factors, and refuses many sound
+headers. So only what it cannot get wrong is left to it, for speed: packed lines below a header that it knows.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
+import OpenImageIO as oiio
 
 from .errors import LightdomeError, one_line
 from .image_source import ImageSource, check_size, damaged
@@ -62,17 +63,22 @@ def open_hdr(path: Path) -> Iterator[ImageSource]:
         packed = _is_packed(file.read(4), 0, header.columns)
         check_size(path, header.rows, header.columns, 3, DENSITY if packed else DENSITY_OF_OLD_RUNS)
         lines = _ScanLines(path, file, header)
+        quick = _QuickLines(path, header) if packed else None
+        try:
 
-        def read(first: int, end: int) -> np.ndarray:
-            result = np.empty((end - first, header.columns, 3), np.float32)
-            lines.go_to(first)
-            block = max(1, BLOCK_PIXELS // header.columns)
-            for begin in range(0, len(result), block):
-                part = result[begin : begin + block]
-                _radiance(lines.read(len(part)), header.divisor, part)
-            return result
+            def read(first: int, end: int) -> np.ndarray:
+                pixels = quick.read(first, end) if quick else None
+                if pixels is None:
+                    pixels = np.empty((end - first, header.columns, 3), np.float32)
+                    lines.go_to(first)
+                    for begin, stop in _blocks(0, len(pixels), header.columns):
+                        _radiance(lines.read(stop - begin), pixels[begin:stop])
+                return _divided(pixels, header.divisor)
 
-        yield ImageSource(header.rows, header.columns, read, header.orientation, notes=header.notes)
+            yield ImageSource(header.rows, header.columns, read, header.orientation, notes=header.notes)
+        finally:
+            if quick:
+                quick.close()
 
 
 def read_header(path: Path, start: bytes) -> Header:
@@ -135,6 +141,45 @@ def _check_format(path: Path, value: str) -> None:
 
 def _is_packed(data: bytes, at: int, columns: int) -> bool:
     return columns in PACKED_WIDTHS and data[at : at + 2] == b"\2\2" and data[at + 2 : at + 3] < b"\x80"
+
+
+def _blocks(first: int, end: int, columns: int) -> Iterator[tuple[int, int]]:
+    """Those rows some at a time, first row and end, so that what is made of them stays small."""
+    size = max(1, BLOCK_PIXELS // columns)
+    for begin in range(first, end, size):
+        yield begin, min(begin + size, end)
+
+
+class _QuickLines:
+    """Scan lines that OpenImageIO reads, as long as it cannot have got one wrong."""
+
+    def __init__(self, path: Path, header: Header) -> None:
+        self._file = oiio.ImageInput.open(str(path))
+        self._columns = header.columns
+        self._next = 0
+        oiio.geterror()  # clears it: what OpenImageIO cannot open is no fault of the file
+        if self._file and (self._file.spec().height, self._file.spec().width) != (header.rows, header.columns):
+            self.close()
+
+    def close(self) -> None:
+        if self._file:
+            self._file.close()
+            self._file = None
+
+    def read(self, first: int, end: int) -> np.ndarray | None:
+        """Rows ``first`` to ``end``, (n, columns, 3) float32, or None where OpenImageIO is not to be trusted."""
+        # One line taken wrongly shifts all after it, so those that are left out are looked at too.
+        for begin, stop in _blocks(self._next if self._next <= first else 0, first, self._columns):
+            self._read(begin, stop)
+        return self._read(first, end)
+
+    def _read(self, first: int, end: int) -> np.ndarray | None:
+        pixels = self._file.read_scanlines(first, end, 0, 0, 3, oiio.FLOAT) if self._file else None
+        self._next = end
+        if pixels is None or _has_old_runs(pixels):
+            self.close()
+            return None
+        return pixels.reshape(end - first, self._columns, 3)
 
 
 class _ScanLines:
@@ -241,13 +286,24 @@ class _ScanLines:
         return np.repeat(records[pixel[: last + 1]], counts[: last + 1], axis=0).T
 
 
-def _radiance(rgbe: np.ndarray, divisor: np.ndarray, out: np.ndarray) -> None:
-    """Write the radiance of scan lines by component, (n, 4, W) uint8, into (n, W, 3) float32."""
+def _has_old_runs(pixels: np.ndarray) -> bool:
+    """Whether any of OpenImageIO's pixels could be a (1, 1, 1, n); a grey power of two could be one too."""
+    bits = pixels.view(np.uint32).reshape(-1, 3)
+    red = bits[:, 0]
+    power = (((red & 0x7FFFFF) == 0) | (red < 0x800000)) & (red != 0)
+    return bool((power & (red == bits[:, 1]) & (red == bits[:, 2])).any())
+
+
+def _radiance(rgbe: np.ndarray, out: np.ndarray) -> None:
+    """Write the values of scan lines by component, (n, 4, W) uint8, into (n, W, 3) float32."""
     scale = SCALES[rgbe[:, 3]]
-    if (divisor == 1).all():
-        for c in range(3):
-            np.multiply(rgbe[:, c], scale, out=out[..., c])
-        return
-    with np.errstate(over="ignore", under="ignore"):
-        for c in range(3):
-            out[..., c] = rgbe[:, c] * scale.astype(np.float64) / divisor[c]
+    for c in range(3):
+        np.multiply(rgbe[:, c], scale, out=out[..., c])
+
+
+def _divided(pixels: np.ndarray, divisor: np.ndarray) -> np.ndarray:
+    if (divisor != 1).any():
+        with np.errstate(over="ignore", under="ignore"):
+            for row in pixels:
+                row[:] = row / divisor
+    return pixels

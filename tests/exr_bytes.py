@@ -1,4 +1,4 @@
-"""OpenEXR files packed by hand: uncompressed scan lines, any channels, attributes and parts, as the format's document says."""
+"""OpenEXR files packed by hand, as the format's document says: plain scan lines, any channels, attributes and parts."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def attribute(name: str, kind: str, value: bytes) -> bytes:
 
 @dataclass
 class Part:
-    """``channels`` are planes (h, w) in float16, float32 or uint32; one of fewer pixels than the window is subsampled."""
+    """``channels`` are planes (h, w) of float16, float32 or uint32; one smaller than the window is subsampled."""
 
     channels: Mapping[str, np.ndarray]
     name: str = ""

@@ -90,7 +90,7 @@ def corpus() -> dict[str, bytes]:
 
 
 def by_hand(radiance: np.ndarray) -> dict[str, bytes]:
-    """EXR files of kinds that OpenImageIO does not write: whole numbers, luminance and chroma, layers, a part without."""
+    """EXR files that OpenImageIO does not write: whole numbers, luminance and chroma, deep parts beside flat ones."""
     grey = radiance[..., 0]
     layers = {f"{layer}.{name}": plane for layer in ("depth", "rgba") for name, plane in planes(radiance).items()}
     primaries = {"chromaticities": ("chromaticities", struct.pack("<8f", 0.7, 0.3, 0.2, 0.7, 0.1, 0.1, 0.3, 0.3))}
@@ -98,9 +98,7 @@ def by_hand(radiance: np.ndarray) -> dict[str, bytes]:
         "whole.exr": exr_file(Part({**planes(radiance), "G": np.minimum(grey, 1e6).astype(np.uint32)})),
         "chroma.exr": exr_file(Part({"Y": grey, "RY": grey * 0, "BY": grey * 0 - 1}, attributes=primaries)),
         "layers.exr": exr_file(Part(layers, attributes={"envmap": ("envmap", b"\0")})),
-        "deep_and_flat.exr": exr_file(
-            Part({"Z": grey}, "far", deep=True), Part(planes(radiance, kind=np.float32), "near")
-        ),
+        "deep_and_flat.exr": exr_file(Part({"Z": grey}, "far", deep=True), Part(planes(radiance), "near")),
     }
 
 
