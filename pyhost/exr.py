@@ -17,7 +17,7 @@ import OpenImageIO as oiio
 from .errors import LightdomeError, one_line
 from .exr_layers import Layer, Part, choose_layer
 from .image_source import ImageSource, check_size, damaged
-from .oiio_errors import reason
+from .oiio_files import open_input, reason
 
 # The most values that a byte stands for: 2-byte values deflate by up to 1032. Methods that transform blocks keep one of
 # 64 before that.
@@ -29,7 +29,7 @@ REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # OpenEXR's defa
 @contextmanager
 def open_exr(path: Path, layer: str | None) -> Iterator[ImageSource]:
     """An open EXR file. Raises :class:`LightdomeError` where it is damaged or has no such layer."""
-    file = oiio.ImageInput.open(str(path))
+    file = open_input(path)
     if file is None:
         why = reason(oiio.geterror)
         if "ubsampled channels" in why:

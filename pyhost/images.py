@@ -26,7 +26,7 @@ from .errors import LightdomeError
 from .exr import open_exr
 from .files import cannot_write, replacing
 from .image_source import ImageSource
-from .oiio_errors import reason
+from .oiio_files import reason
 from .pfm import open_pfm
 from .radiance_hdr import open_hdr
 

@@ -27,6 +27,7 @@ import OpenImageIO as oiio
 
 from .errors import LightdomeError, one_line
 from .image_source import ImageSource, check_size, damaged
+from .oiio_files import open_input
 
 HEADER_BYTES = 2**20
 # Values that a byte stands for at most: 127 in 2 bytes, and as many in the runs of old as a map of one colour has.
@@ -102,17 +103,18 @@ def read_header(path: Path, start: bytes) -> Header:
             continue
         words = value.split()
         numbers = [float(word) if NUMBER.fullmatch(word) else 0.0 for word in words]
+        if name == "GAMMA":
+            if numbers != [1]:
+                notes.append(f"note: {path} says GAMMA={one_line(value)}, which is not undone")
+            continue
         wanted = 3 if name == "COLORCORR" else 1
         if len(numbers) != wanted or not all(0 < n < math.inf for n in numbers):
             raise LightdomeError(
                 f"{path}: bad header line {one_line(line)!r}; {name} takes {wanted} finite number"
                 f"{'s' if wanted > 1 else ''} above 0"
             )
-        if name == "GAMMA":
-            if numbers != [1]:
-                notes.append(f"note: {path} says GAMMA={one_line(value)}, which is not undone")
-            continue
-        divisor = divisor * numbers
+        with np.errstate(over="ignore", under="ignore"):
+            divisor = divisor * numbers
         said.append(f"{name}={' '.join(words)}")
     if (divisor != 1).any():
         if not (np.isfinite(divisor) & (divisor > 0)).all():
@@ -154,7 +156,7 @@ class _QuickLines:
     """Scan lines that OpenImageIO reads, as long as it cannot have got one wrong."""
 
     def __init__(self, path: Path, header: Header) -> None:
-        self._file = oiio.ImageInput.open(str(path))
+        self._file = open_input(path)
         self._columns = header.columns
         self._next = 0
         oiio.geterror()  # clears it: what OpenImageIO cannot open is no fault of the file
