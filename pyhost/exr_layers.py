@@ -27,7 +27,7 @@ from pathlib import Path
 
 from .errors import LightdomeError, one_line
 
-LISTED = 8
+LISTED_CHANNELS, LISTED_CHARACTERS = 8, 240
 RGB = ("R", "G", "B")
 RGB_IN_ANY_CASE = (("r", "g", "b"), ("red", "green", "blue"))
 CHROMA = ("y", "ry", "by")
@@ -179,7 +179,8 @@ def _without_view(name: str, views: set[str]) -> tuple[list[str], str]:
 
 def _means_no_light(name: str) -> bool:
     words = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)
-    return any(NO_LIGHT.fullmatch(word) for word in (*words, "".join(words)))
+    # Letters alone mean something only where they are the whole name: "key A" is no alpha.
+    return any(NO_LIGHT.fullmatch(word) for word in (*(word for word in words if len(word) > 1), "".join(words)))
 
 
 def _named(layers: Sequence[Layer], wanted: str) -> list[Layer]:
@@ -196,12 +197,16 @@ def _named(layers: Sequence[Layer], wanted: str) -> list[Layer]:
 def _listed(layers: Sequence[Layer]) -> str:
     entries = []
     for layer in layers:
-        channels = ", ".join(list(layer.channels)[:LISTED]) + (", ..." if len(layer.channels) > LISTED else "")
+        channels = ", ".join(list(layer.channels)[:LISTED_CHANNELS])
+        channels += ", ..." if len(layer.channels) > LISTED_CHANNELS else ""
         entries.append(one_line(f"{layer.label} ({channels})" if layer.label else channels))
     return f"there is {_joined(entries)}"
 
 
 def _joined(entries: Sequence[str]) -> str:
     """As many as a message has room for."""
-    shown = [entry if len(entry) <= 40 else f"{entry[:37]}..." for entry in entries[:LISTED]]
-    return "; ".join(shown) + (f"; and {len(entries) - LISTED} more" if len(entries) > LISTED else "")
+    shown = entries
+    while len("; ".join(shown)) > LISTED_CHARACTERS and len(shown) > 1:
+        shown = shown[:-1]
+    more = f"; and {len(entries) - len(shown)} more" if len(shown) < len(entries) else ""
+    return "; ".join(shown) + more

@@ -75,6 +75,8 @@ CHOSEN = {
     "the second part": [Part(DEPTH, "depth"), Part(planes(MAP), "rgb"), Part(planes(OTHER), "normals")],
     "the part beauty": [Part(OTHERS, "diffuse"), Part(OTHERS, "specular"), Part(planes(MAP), "beauty")],
     "a layer beauty in another part": [Part(OTHERS, "diffuse"), Part(planes(MAP, layer="beauty"), "all")],
+    "a part and its layer of one name": [Part(DEPTH, "depth"), Part(planes(MAP, layer="key"), "key")],
+    "letters in a name": [layers(Key_A=MAP, Z=OTHER, Pworld=OTHER)],
     "parts of other sizes": [Part(planes(OTHER[:2, :4]), "matte", display=(0, 0, 7, 3)), Part(planes(MAP), "x")],
     "a flat part beside a deep one": [Part(OTHERS, "rgba", deep=True), Part(planes(MAP), "flat")],
     "the part of the first view": [
@@ -164,6 +166,7 @@ TWO_PARTS = [
         ([Part(planes(MAP), "one two.three"), Part(OTHERS, "two")], "one two.three"),
         ([Part({**planes(MAP), **planes(OTHER, layer="x")}, "one"), Part(OTHERS, "two")], "one"),
         (TWO_PARTS, "left.b"),
+        ([Part(planes(OTHER, layer="fill"), "fill"), Part(planes(MAP, layer="key"), "key")], "key"),
         (TWO_PARTS, "own"),
         (TWO_PARTS, "right.own"),
         ([Part(OTHERS, "same"), Part(planes(MAP), "same")], "same#2"),
@@ -187,6 +190,14 @@ def test_a_layer_that_is_not_there_or_no_colour_is_refused(tmp_path: Path) -> No
     (tmp_path / "map.pfm").write_bytes(b"Pf\n1 1\n-1\n\0\0\0\0")
     with pytest.raises(LightdomeError, match="leave out --layer"):
         read_image(tmp_path / "map.pfm", layer="a")
+
+
+def test_many_layers_fit_into_a_message(tmp_path: Path) -> None:
+    many = written(tmp_path, layers(**{f"{i}_{'x' * 100}": MAP for i in range(200)}))
+    for layer in (None, "y"):
+        with pytest.raises(LightdomeError, match=r"and 19[89] more") as error:
+            read_image(many, layer)
+        assert len(str(error.value)) - len(str(many)) < 400
 
 
 def test_a_layer_that_was_found_is_said(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from lightdome.images import ImageRows, read_image
 HEIGHT, WIDTH = 9, 11
 RGBE = np.random.default_rng(2).integers(0, 256, (HEIGHT, WIDTH, 4), np.uint8)
 RGBE[..., 3] = 120 + RGBE[..., 3] % 16
-RGBE[3:5] = RGBE[3, 0]  # something to pack
+RGBE[2:6] = RGBE[3, 0]  # something to pack
 RGBE[6, 4:8] = RGBE[6, 4]
 RGBE[..., 0] |= 2  # no pixel is the mark (1, 1, 1, n)
 FORMAT = b"FORMAT=32-bit_rle_rgbe\n"
