@@ -105,7 +105,7 @@ def parser(description: str, example: str, out: str) -> argparse.ArgumentParser:
 
 
 def map_options(parser: argparse.ArgumentParser) -> None:
-    """Add ``--map`` and ``--sanitize``, for :func:`load_map`.
+    """Add ``--map``, ``--layer`` and ``--sanitize``, for :func:`load_map`.
 
     The default is Grace if it is in ``data/`` beside ``scripts/``, else the map that ships.
     """
@@ -118,16 +118,20 @@ def map_options(parser: argparse.ArgumentParser) -> None:
         default=grace if grace.exists() else data / "default.exr",
         help="latitude-longitude environment map: .exr, .hdr or .pfm",
     )
+    parser.add_argument(
+        "--layer", metavar="NAME", help="layer or part of an .exr file to take as the map, where it leaves a doubt"
+    )
     parser.add_argument("--sanitize", action="store_true", help="replace NaN, infinite and negative pixels by black")
 
 
 def load_map(args: argparse.Namespace) -> EnvironmentMap:
-    """The map that the options of :func:`map_options` name; a remark on its shape goes to standard error."""
+    """The map that the options of :func:`map_options` name; remarks on it go to standard error."""
     from .envmap import EnvironmentMap  # only here: a script without a map needs no image library
 
-    envmap = EnvironmentMap.read(args.map, sanitize=args.sanitize)
-    if envmap.shape_note:
-        print(envmap.shape_note, file=sys.stderr)
+    envmap = EnvironmentMap.read(args.map, sanitize=args.sanitize, layer=args.layer)
+    for note in (*envmap.notes, envmap.shape_note):
+        if note:
+            print(note, file=sys.stderr)
     return envmap
 
 

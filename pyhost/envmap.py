@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from .errors import LightdomeError
-from .images import read_image
+from .images import ImageRows, read_image
 
 
 def row_angles(height: int) -> np.ndarray:
@@ -41,11 +41,13 @@ class EnvironmentMap:
     """Radiance by direction: ``radiance`` is (H, W, 3) float32, finite, and 0 or above.
 
     ``EnvironmentMap(radiance)`` checks what it is given and raises :class:`LightdomeError` that
-    counts the bad pixels and names the first; with ``sanitize`` they become 0 instead.
+    counts the bad pixels and names the first; with ``sanitize`` they become 0 instead. ``notes`` are remarks on the
+    file that :meth:`read` read: the layer it took, a factor in the header that it divided out, ...
     """
 
     radiance: np.ndarray
     peak: float
+    notes: tuple[str, ...] = ()
 
     def __init__(self, radiance: np.ndarray, *, sanitize: bool = False, name: str = "the map") -> None:
         radiance = np.ascontiguousarray(radiance, dtype=np.float32)
@@ -59,12 +61,15 @@ class EnvironmentMap:
         object.__setattr__(self, "peak", inspection.peak)
 
     @classmethod
-    def read(cls, path: str | Path, *, sanitize: bool = False) -> EnvironmentMap:
-        """Read a PFM, EXR or Radiance HDR file.
+    def read(cls, path: str | Path, *, sanitize: bool = False, layer: str | None = None) -> EnvironmentMap:
+        """Read a PFM, EXR or Radiance HDR file, of an EXR file the layer that :func:`read_image` takes.
 
         Raises :class:`LightdomeError` where the file cannot be read or holds bad pixels.
         """
-        return cls(read_image(path), sanitize=sanitize, name=str(path))
+        notes = ImageRows(path, layer=layer).notes
+        result = cls(read_image(path, layer), sanitize=sanitize, name=str(path))
+        object.__setattr__(result, "notes", notes)
+        return result
 
     @cached_property
     def is_grey(self) -> bool:

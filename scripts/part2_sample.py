@@ -62,7 +62,7 @@ def main() -> None:
     from lightdome.device import open_device
     from lightdome.images import ImageRows
 
-    image = ImageRows(args.map)
+    image = ImageRows(args.map, layer=args.layer)
     device = open_device(args.device)
     print(f"device: {device.description}")
     print(f"map: {args.map}, {image.width} x {image.height}")
@@ -85,9 +85,9 @@ def write_samples(args: Namespace, out: Path, image: "ImageRows", device: "Devic
     from lightdome.banded import sample_file
     from lightdome.envmap import shape_note
 
-    note = shape_note(image.height, image.width)
-    if note:
-        print(note, file=sys.stderr)
+    for note in (*image.notes, shape_note(image.height, image.width)):
+        if note:
+            print(note, file=sys.stderr)
     names = []
     for samples in sample_file(device, image, args.counts, args.seed, args.sequence, sanitize=args.sanitize):
         names.append(f"samples_{len(samples)}.npz")
