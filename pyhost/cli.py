@@ -105,7 +105,7 @@ def parser(description: str, example: str, out: str) -> argparse.ArgumentParser:
 
 
 def map_options(parser: argparse.ArgumentParser) -> None:
-    """Add ``--map`` and ``--sanitize``, for :func:`load_map`.
+    """Add ``--map``, ``--sanitize`` and ``--flip``, for :func:`load_map`.
 
     The default is Grace if it is in ``data/`` beside ``scripts/``, else the map that ships.
     """
@@ -118,16 +118,25 @@ def map_options(parser: argparse.ArgumentParser) -> None:
         default=grace if grace.exists() else data / "default.exr",
         help="latitude-longitude environment map: .exr, .hdr or .pfm",
     )
-    parser.add_argument("--sanitize", action="store_true", help="replace NaN, infinite and negative pixels by black")
+    parser.add_argument(
+        "--sanitize",
+        nargs="?",
+        choices=["black", "clamp"],
+        const="black",
+        help="replace NaN, infinite and negative pixels by black; with clamp, infinite ones by the largest finite value"
+        " of the file's format",
+    )
+    parser.add_argument("--flip", action="store_true", help="take the rows in reverse, for a file written upside down")
 
 
 def load_map(args: argparse.Namespace) -> EnvironmentMap:
-    """The map that the options of :func:`map_options` name; a remark on its shape goes to standard error."""
+    """The map that the options of :func:`map_options` name; remarks on its shape and values go to standard error."""
     from .envmap import EnvironmentMap  # only here: a script without a map needs no image library
 
-    envmap = EnvironmentMap.read(args.map, sanitize=args.sanitize)
-    if envmap.shape_note:
-        print(envmap.shape_note, file=sys.stderr)
+    envmap = EnvironmentMap.read(args.map, sanitize=args.sanitize, flip=args.flip)
+    for note in (envmap.shape_note, envmap.replaced and envmap.replaced.note):
+        if note:
+            print(note, file=sys.stderr)
     return envmap
 
 
@@ -207,7 +216,7 @@ def _number(convert: type, text: str, accept: Callable[[float], bool], wanted: s
         value = convert(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not {wanted}") from None
-    if not (math.isfinite(value) and accept(value)):
+    if not (accept(value) and value < math.inf):
         raise argparse.ArgumentTypeError(f"{text} is not {wanted}")
     return value
 

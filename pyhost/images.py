@@ -19,10 +19,13 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
+from . import checks
 from .errors import LightdomeError, one_line
 from .files import cannot_write, replacing
+from .float_range import LARGEST
 
 READABLE = (".pfm", ".exr", ".hdr")
+LINEAR, DISPLAYED = (".pfm", ".exr"), (".ppm", ".png")  # what is written
 MAX_PIXELS = 2**30
 # What a file begins with, and the most values that one of its bytes can stand for; a header that claims more is
 # a lie, and believing it would cost the memory that it claims. HDR has runs of 127 in 2 bytes, EXR deflates 2-byte
@@ -35,19 +38,21 @@ COMMON_PFM = re.compile(rb"(P[Ff])\n(\d{1,9}) (\d{1,9})\n(-?)1(?:\.0*)?\n")
 BOTTOM_UP = 4  # an ``Orientation``
 
 
-def read_image(path: str | Path) -> np.ndarray:
+def read_image(path: str | Path, flip: bool = False) -> np.ndarray:
     """The radiance in a PFM, EXR or Radiance HDR file: (H, W, 3) float32, row 0 at the top.
 
-    A single channel is read as grey; of more than three, R, G and B (else the first three) are read.
+    A single channel is read as grey; of more than three, R, G and B (else the first three) are read. With ``flip``
+    the rows come in reverse, for a file that was written upside down.
     Raises :class:`LightdomeError` for a file that is missing, truncated, damaged or of another kind.
     """
-    path = Path(path)
+    path = checks.path(path)
     with _opened(path) as file:
         spec = file.spec()
         pixels = file.read_image(oiio.FLOAT)
         if pixels is None:
             raise _damaged(path, _reason(file.geterror))
-        return _radiance(pixels.reshape(spec.height, spec.width, spec.nchannels), spec)
+        pixels = _radiance(pixels.reshape(spec.height, spec.width, spec.nchannels), spec)
+    return np.ascontiguousarray(pixels[::-1]) if flip else pixels
 
 
 class ImageRows:
@@ -56,19 +61,26 @@ class ImageRows:
     - ``height``, ``width``: of the image
     - ``batch``: the most rows that :meth:`read` yields at once; by default they take 50 MB, or are those that the
       file packs together, a row of tiles for one
+    - ``largest``: the largest finite value that its type holds: of half floats 65504, else float32's
 
+    ``flip`` is that of :func:`read_image`.
     An HDR file that lies on its side is read whole all the same, and so are the bytes of a PFM file whose header is
     of an uncommon form. Raises :class:`LightdomeError` as :func:`read_image` does.
     """
 
-    def __init__(self, path: str | Path, batch: int | None = None) -> None:
-        self.path = Path(path)
+    def __init__(self, path: str | Path, batch: int | None = None, flip: bool = False) -> None:
+        self.path = checks.path(path)
+        self.flip = flip
         with _row_reader(self.path) as (spec, _):
             self._on_its_side = spec.get_int_attribute("Orientation", 1) >= 5
             self.height, self.width = (spec.height, spec.width)[:: -1 if self._on_its_side else 1]
             # As OpenImageIO says, which would unpack them again for every batch that has some of them.
             self._together = max(1, spec.tile_height, spec.get_int_attribute("oiio:RowsPerChunk", 1))
             fitting = BATCH_VALUES // (spec.width * max(3, spec.nchannels))
+            kinds = [str(kind) for kind in spec.channelformats] or [str(spec.format)]
+            self.largest = 65504.0 if set(kinds) == {"half"} else LARGEST
+        if batch is not None:
+            checks.whole("a batch", batch, 1, 2**31 - 1)
         self.batch = batch or max(fitting - fitting % self._together, self._together)
 
     def read(self, rows: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -76,6 +88,15 @@ class ImageRows:
 
         Batches come in the file's order, which may be bottom up. Other rows are not read where the format allows it.
         """
+        if not self.flip:
+            yield from self._read(rows)
+            return
+        last = self.height - 1
+        for batch, pixels in self._read(last - rows[::-1]):
+            yield last - batch[::-1], pixels[::-1]
+
+    def _read(self, rows: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """The same of the file's own rows, from the top as it says."""
         if self._on_its_side:
             image = read_image(self.path)
             for begin in range(0, len(rows), self.batch):
@@ -239,29 +260,66 @@ def _reason(geterror: Callable[[], str]) -> str:
 def auto_exposure(radiance: np.ndarray) -> float:
     """The factor that brings the 95th percentile of the pixels' largest channel to 1.
 
-    Black pixels do not count: a sphere's background must not change its exposure. 1 for a black image.
+    Black pixels do not count: a sphere's background must not change its exposure. Nor do infinite ones. 1 for a black
+    image. Raises :class:`LightdomeError` for values that are no numbers.
     """
-    brightest = radiance.max(axis=-1)
-    lit = brightest[brightest > 0]
+    brightest = _numbers(radiance).max(axis=-1)
+    lit = brightest[(brightest > 0) & (brightest < np.inf)]
     level = float(np.percentile(lit, 95)) if lit.size else 1.0
     return min(1.0 / level, 3e38) if level > 0 else 1.0
 
 
 def tone_map(radiance: np.ndarray, exposure: float, gamma: float = 2.2) -> np.ndarray:
-    """8-bit values round(255 (exposure L)^(1/gamma)), clipped; the shape of ``radiance``, uint8."""
-    scaled = np.clip(radiance.astype(np.float64) * exposure, 0.0, 1.0)
+    """8-bit values round(255 (exposure L)^(1/gamma)), clipped; the shape of ``radiance``, uint8.
+
+    Raises :class:`LightdomeError` for NaN, and for an exposure or a gamma that is not finite and above 0.
+    """
+    exposure, gamma = checks.positive("the exposure", exposure), checks.positive("gamma", gamma)
+    with np.errstate(over="ignore"):  # to white
+        scaled = np.clip(_numbers(radiance).astype(np.float64) * exposure, 0.0, 1.0)
     return np.rint(255.0 * scaled ** (1.0 / gamma)).astype(np.uint8)
 
 
-def write_image(path: str | Path, pixels: np.ndarray) -> None:
-    """Write (H, W, 3) pixels, row 0 at the top: float32 as .pfm or .exr, uint8 as .ppm or .png.
+def _numbers(radiance: np.ndarray) -> np.ndarray:
+    """Radiance in an array of any shape but an empty one, without NaN."""
+    radiance = checks.array("radiance", radiance)
+    if radiance.size == 0 or radiance.ndim == 0:
+        raise LightdomeError(f"radiance is an array of pixels, not one of shape {radiance.shape}")
+    if np.isnan(radiance.max()):
+        raise LightdomeError(f"radiance holds NaN in {int(np.isnan(radiance).sum())} places; mend it first")
+    return radiance
 
-    The file appears only when it is complete. Raises :class:`LightdomeError` where it cannot be written.
+
+def write_image(path: str | Path, pixels: np.ndarray) -> None:
+    """Write (H, W, 3) pixels, row 0 at the top: radiance, floating point, as .pfm or .exr, uint8 as .ppm or .png.
+
+    Radiance is written as it is, in single precision. The file appears only when it is complete. Raises
+    :class:`LightdomeError` for other types, shapes and suffixes, and where the file cannot be written.
     """
-    path = Path(path)
+    path = checks.path(path)
+    suffix = path.suffix.lower()
+    pixels = checks.array("an image", pixels, ("H", "W", 3))
+    if suffix not in LINEAR + DISPLAYED:
+        raise LightdomeError(f"cannot write {path}: the name of an image ends in {', '.join(LINEAR + DISPLAYED)}")
+    if 0 in pixels.shape:
+        raise LightdomeError(f"cannot write {path}: an image of shape {pixels.shape} has no pixels")
+    if suffix in DISPLAYED and pixels.dtype != np.uint8:
+        raise LightdomeError(
+            f"cannot write {path}: {suffix} holds 8-bit values, not {pixels.dtype}; give radiance to tone_map first,"
+            " or write a .pfm or .exr"
+        )
+    if suffix in LINEAR:
+        if pixels.dtype.kind != "f":
+            raise LightdomeError(
+                f"cannot write {path}: {suffix} holds radiance, floating point, not {pixels.dtype}; write 8-bit values"
+                " as .ppm or .png"
+            )
+        if pixels.dtype.itemsize > 4 and (np.isfinite(pixels) & (np.abs(pixels) > LARGEST)).any():
+            raise LightdomeError(f"cannot write {path}: it holds values up to {LARGEST:.3g}, and these are larger")
+        pixels = pixels.astype(np.float32, copy=False)
     height, width, channels = pixels.shape
-    spec = oiio.ImageSpec(width, height, channels, oiio.UINT8 if pixels.dtype == np.uint8 else oiio.FLOAT)
-    if path.suffix == ".ppm":
+    spec = oiio.ImageSpec(width, height, channels, oiio.UINT8 if suffix in DISPLAYED else oiio.FLOAT)
+    if suffix == ".ppm":
         spec.attribute("pnm:pfmflip", 0)
         spec.attribute("pnm:binary", 1)
     with replacing(path) as temporary:
