@@ -226,6 +226,11 @@ def positive_int(text: str) -> int:
     return int(_number(int, text, lambda v: 1 <= v < 2**31, "a whole number from 1 to 2147483647"))
 
 
+def times(text: str) -> int:
+    """Argument type: how often something is done again, 1 to 1000: more would look as if it never ended."""
+    return int(_number(int, text, lambda v: 1 <= v <= 1000, "a whole number from 1 to 1000"))
+
+
 def seed(text: str) -> int:
     """Argument type: a whole number, 0 to 2^64 - 1."""
     return int(_number(int, text, lambda v: 0 <= v < 2**64, "a whole number from 0 to 2^64 - 1"))

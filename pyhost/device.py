@@ -136,7 +136,7 @@ def _candidates() -> Iterator[_Candidate]:
 
 def _matches(asked: str, candidate: _Candidate) -> bool:
     def one(part: str, index: int, name: str) -> bool:
-        return int(part) == index if part.isdecimal() else part.strip().lower() in name.lower()
+        return len(part) < 10 and int(part) == index if part.isdecimal() else part.strip().lower() in name.lower()
 
     platform, colon, device = asked.partition(":")
     on_platform = one(platform, candidate.platform, candidate.handle.platform.name)

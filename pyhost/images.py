@@ -77,8 +77,8 @@ class ImageRows:
             # As OpenImageIO says, which would unpack them again for every batch that has some of them.
             self._together = max(1, spec.tile_height, spec.get_int_attribute("oiio:RowsPerChunk", 1))
             fitting = BATCH_VALUES // (spec.width * max(3, spec.nchannels))
-            kinds = [str(kind) for kind in spec.channelformats] or [str(spec.format)]
-            self.largest = 65504.0 if set(kinds) == {"half"} else LARGEST
+            kinds = [str(kind) for kind in spec.channelformats] or [str(spec.format)] * spec.nchannels
+            self.largest = 65504.0 if {kinds[c] for c in _wanted(spec)} == {"half"} else LARGEST
         if batch is not None:
             checks.whole("a batch", batch, 1, 2**31 - 1)
         self.batch = batch or max(fitting - fitting % self._together, self._together)
@@ -206,16 +206,18 @@ def _opened(path: Path) -> Iterator[oiio.ImageInput]:
 
 def _radiance(pixels: np.ndarray, spec: oiio.ImageSpec) -> np.ndarray:
     """R, G and B, upright, of rows as they lie in a file of specification ``spec``."""
-    names = [name.upper() for name in spec.channelnames]
-    if spec.nchannels < 3:
-        wanted = [0, 0, 0]
-    elif {"R", "G", "B"} <= set(names):
-        wanted = [names.index(c) for c in "RGB"]
-    else:
-        wanted = [0, 1, 2]
+    wanted = _wanted(spec)
     if wanted != list(range(spec.nchannels)):
         pixels = pixels[..., wanted]
     return np.ascontiguousarray(_upright(pixels, spec.get_int_attribute("Orientation", 1)))
+
+
+def _wanted(spec: oiio.ImageSpec) -> list[int]:
+    """Which of a file's channels are R, G and B."""
+    names = [name.upper() for name in spec.channelnames]
+    if spec.nchannels < 3:
+        return [0, 0, 0]
+    return [names.index(c) for c in "RGB"] if {"R", "G", "B"} <= set(names) else [0, 1, 2]
 
 
 def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
@@ -275,9 +277,15 @@ def tone_map(radiance: np.ndarray, exposure: float, gamma: float = 2.2) -> np.nd
     Raises :class:`LightdomeError` for NaN, and for an exposure or a gamma that is not finite and above 0.
     """
     exposure, gamma = checks.positive("the exposure", exposure), checks.positive("gamma", gamma)
+    radiance = _numbers(radiance)
+    result = np.empty(radiance.shape, np.uint8)
+    rows = max(1, BATCH_VALUES // max(1, radiance[0].size))  # at a time: float64 takes memory
     with np.errstate(over="ignore"):  # to white
-        scaled = np.clip(_numbers(radiance).astype(np.float64) * exposure, 0.0, 1.0)
-    return np.rint(255.0 * scaled ** (1.0 / gamma)).astype(np.uint8)
+        for first in range(0, len(radiance), rows):
+            part = slice(first, first + rows)
+            scaled = np.clip(radiance[part].astype(np.float64) * exposure, 0.0, 1.0)
+            result[part] = np.rint(255.0 * scaled ** (1.0 / gamma))
+    return result
 
 
 def _numbers(radiance: np.ndarray) -> np.ndarray:
