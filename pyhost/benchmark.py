@@ -121,9 +121,18 @@ def measure(method: Method, count: int, seeds: int, repeats: int, reference: np.
     truth = reference[mask].astype(np.float64)
     scale = np.sqrt((truth**2).mean())
 
+    errors, largest, means = [], [], []
+
+    def judge(image: np.ndarray) -> None:  # and forget it: many seeds need no more memory than one
+        difference = image[mask] - truth
+        errors.append(float(np.sqrt((difference**2).mean()) / scale))
+        largest.append(np.abs(difference).max())
+        means.append(difference.mean())
+
     start = time.perf_counter()
-    images = [method.run(count, 0)]
+    image = method.run(count, 0)
     first = time.perf_counter() - start
+    judge(image)
 
     walls, stages = [], []
     for _ in range(repeats):
@@ -137,18 +146,17 @@ def measure(method: Method, count: int, seeds: int, repeats: int, reference: np.
         stages.append(timed)
     median = statistics.median_low(walls)
 
-    images += [method.run(count, seed) for seed in range(1, seeds if method.random else 1)]
-    differences = [image[mask] - truth for image in images]
-    errors = [float(np.sqrt((d**2).mean()) / scale) for d in differences]
+    for seed in range(1, seeds if method.random else 1):
+        judge(method.run(count, seed))
     return Measurement(
         method=method.name,
         kind=method.kind,
         count=count,
-        seeds=len(images),
+        seeds=len(errors),
         rmse=statistics.fmean(errors),
         rmse_spread=statistics.stdev(errors) if len(errors) > 1 else 0.0,
-        largest_error=float(np.mean([np.abs(d).max() for d in differences]) / truth.max()),
-        bias=float(np.mean([d.mean() for d in differences]) / truth.mean()),
+        largest_error=float(np.mean(largest) / truth.max()),
+        bias=float(np.mean(means) / truth.mean()),
         wall_seconds=median,
         wall_spread=float(np.subtract(*np.percentile(walls, [75, 25])) / 2),
         first_seconds=first,

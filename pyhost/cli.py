@@ -105,7 +105,7 @@ def parser(description: str, example: str, out: str) -> argparse.ArgumentParser:
 
 
 def map_options(parser: argparse.ArgumentParser) -> None:
-    """Add ``--map``, ``--layer`` and ``--sanitize``, for :func:`load_map`.
+    """Add ``--map``, ``--layer``, ``--sanitize`` and ``--flip``, for :func:`load_map`.
 
     The default is Grace if it is in ``data/`` beside ``scripts/``, else the map that ships.
     """
@@ -121,15 +121,23 @@ def map_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--layer", metavar="NAME", help="layer or part of an .exr file to take as the map, where it leaves a doubt"
     )
-    parser.add_argument("--sanitize", action="store_true", help="replace NaN, infinite and negative pixels by black")
+    parser.add_argument(
+        "--sanitize",
+        nargs="?",
+        choices=["black", "clamp"],
+        const="black",
+        help="replace NaN, infinite and negative pixels by black; with clamp, infinite ones by the largest finite value"
+        " of the file's format",
+    )
+    parser.add_argument("--flip", action="store_true", help="take the rows in reverse, for a file written upside down")
 
 
 def load_map(args: argparse.Namespace) -> EnvironmentMap:
     """The map that the options of :func:`map_options` name; remarks on it go to standard error."""
     from .envmap import EnvironmentMap  # only here: a script without a map needs no image library
 
-    envmap = EnvironmentMap.read(args.map, sanitize=args.sanitize, layer=args.layer)
-    for note in (*envmap.notes, envmap.shape_note):
+    envmap = EnvironmentMap.read(args.map, sanitize=args.sanitize, layer=args.layer, flip=args.flip)
+    for note in (*envmap.notes, envmap.shape_note, envmap.replaced and envmap.replaced.note):
         if note:
             print(note, file=sys.stderr)
     return envmap
@@ -211,7 +219,7 @@ def _number(convert: type, text: str, accept: Callable[[float], bool], wanted: s
         value = convert(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not {wanted}") from None
-    if not (math.isfinite(value) and accept(value)):
+    if not (accept(value) and value < math.inf):
         raise argparse.ArgumentTypeError(f"{text} is not {wanted}")
     return value
 
@@ -219,6 +227,11 @@ def _number(convert: type, text: str, accept: Callable[[float], bool], wanted: s
 def positive_int(text: str) -> int:
     """Argument type: a whole number, 1 to 2^31 - 1."""
     return int(_number(int, text, lambda v: 1 <= v < 2**31, "a whole number from 1 to 2147483647"))
+
+
+def times(text: str) -> int:
+    """Argument type: how often something is done again, 1 to 1000: more would look as if it never ended."""
+    return int(_number(int, text, lambda v: 1 <= v <= 1000, "a whole number from 1 to 1000"))
 
 
 def seed(text: str) -> int:

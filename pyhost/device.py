@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from .cache import cache_folder, ensure_room, key_of
+from .checks import told
 from .errors import LightdomeError
 from .profile import Profile
 from .programs import Programs
@@ -90,6 +91,8 @@ def open_device(choice: str | None = None) -> Device:
 
     Raises :class:`LightdomeError` if nothing matches or what matches does not work.
     """
+    if not (choice is None or isinstance(choice, str)):
+        raise LightdomeError(f"a device is named by a text as '0:0' or 'pocl', not by {told(choice)}")
     ensure_room()
     asked = choice or os.environ.get("PYOPENCL_CTX")
     candidates = list(_candidates())
@@ -133,7 +136,7 @@ def _candidates() -> Iterator[_Candidate]:
 
 def _matches(asked: str, candidate: _Candidate) -> bool:
     def one(part: str, index: int, name: str) -> bool:
-        return int(part) == index if part.isdecimal() else part.strip().lower() in name.lower()
+        return len(part) < 10 and int(part) == index if part.isdecimal() else part.strip().lower() in name.lower()
 
     platform, colon, device = asked.partition(":")
     on_platform = one(platform, candidate.platform, candidate.handle.platform.name)

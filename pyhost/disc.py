@@ -8,19 +8,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from .errors import LightdomeError
+from . import checks
 
 MAX_RESOLUTION = 16384
 
 
-def check_resolution(resolution: int) -> None:
-    """Raise :class:`LightdomeError` for a resolution that no image can have."""
-    if not 1 <= resolution <= MAX_RESOLUTION:
-        raise LightdomeError(f"the resolution is from 1 to {MAX_RESOLUTION}, not {resolution}")
+def check_resolution(resolution: int) -> int:
+    """The resolution of an image; raises :class:`LightdomeError` for one that no image can have."""
+    return checks.whole("the resolution", resolution, 1, MAX_RESOLUTION)
 
 
 def disc_mask(resolution: int) -> np.ndarray:
     """Which pixels lie inside the projected sphere: (R, R) bool."""
+    resolution = check_resolution(resolution)
     a = 2 * np.arange(resolution, dtype=np.int64) + 1 - resolution
     return a**2 + a[:, None] ** 2 < resolution**2
 

@@ -16,6 +16,7 @@ import OpenImageIO as oiio
 
 from .errors import LightdomeError, one_line
 from .exr_layers import Layer, Part, choose_layer
+from .float_range import LARGEST, LARGEST_HALF
 from .image_source import ImageSource, check_size, damaged
 from .oiio_files import open_input, reason
 
@@ -77,14 +78,16 @@ def _source(path: Path, file: oiio.ImageInput, name: str | None) -> ImageSource:
             return _from_chroma(pixels, luminance)
         return pixels if len(places) == 3 else np.repeat(pixels, 3, axis=2)
 
+    is_half = all(spec.channelformat(place).basetype == oiio.HALF for place in places)
     return ImageSource(
         spec.height,
         spec.width,
         read,
         spec.get_int_attribute("Orientation", 1),
         # As OpenImageIO says, which would unpack them again for every batch that has some of them.
-        max(1, spec.tile_height, spec.get_int_attribute("oiio:RowsPerChunk", 1)),
-        tuple(_notes(path, spec, layer, chosen=name is not None)),
+        together=max(1, spec.tile_height, spec.get_int_attribute("oiio:RowsPerChunk", 1)),
+        largest=LARGEST_HALF if is_half else LARGEST,
+        notes=tuple(_notes(path, spec, layer, chosen=name is not None)),
     )
 
 

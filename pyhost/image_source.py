@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .errors import LightdomeError
+from .float_range import LARGEST
 
 MAX_PIXELS = 2**30
 
@@ -20,6 +21,7 @@ class ImageSource:
     - ``read(first, end)``: those rows, (n, columns, 3) float32
     - ``orientation``: where row 0 and column 0 are, as in EXIF: 1 top and left, 4 bottom and left, 5 left and top, ...
     - ``together``: rows that the file packs together
+    - ``largest``: the largest finite value that its type holds: of half floats 65504, else float32's
     - ``notes``: remarks for the user
     """
 
@@ -28,6 +30,7 @@ class ImageSource:
     read: Callable[[int, int], np.ndarray]
     orientation: int = 1
     together: int = 1
+    largest: float = LARGEST
     notes: tuple[str, ...] = ()
 
 

@@ -22,30 +22,35 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
+from . import checks
 from .errors import LightdomeError
 from .exr import open_exr
 from .files import cannot_write, replacing
+from .float_range import LARGEST
 from .image_source import ImageSource
 from .oiio_files import reason
 from .pfm import open_pfm
 from .radiance_hdr import open_hdr
 
 READABLE = (".pfm", ".exr", ".hdr")
+LINEAR, DISPLAYED = (".pfm", ".exr"), (".ppm", ".png")  # what is written
 BATCH_VALUES = 3 * 2**22
 
 
-def read_image(path: str | Path, layer: str | None = None) -> np.ndarray:
+def read_image(path: str | Path, layer: str | None = None, flip: bool = False) -> np.ndarray:
     """The radiance in a PFM, EXR or Radiance HDR file: (H, W, 3) float32, row 0 at the top.
 
     ``layer`` names a layer of an EXR file, a part, or both as ``part.layer``. Without it the file must leave no doubt:
-    R, G and B of the default layer, else its Y as grey, else the only colour layer. :class:`ImageRows` has the
-    remarks that a file gives rise to, as when its header changes the radiance.
+    R, G and B of the default layer, else its Y as grey, else the only colour layer. With ``flip`` the rows come in
+    reverse, for a file that was written upside down. :class:`ImageRows` has the remarks that a file gives rise to, as
+    when its header changes the radiance.
 
     Raises :class:`LightdomeError` for a file that is missing, truncated, damaged or of another kind, and for one whose
     colour is not certain, with a list of its layers.
     """
-    with _opened(Path(path), layer) as source:
-        return np.ascontiguousarray(_upright(source.read(0, source.rows), source.orientation))
+    with _opened(checks.path(path), layer) as source:
+        pixels = _upright(source.read(0, source.rows), source.orientation)
+    return np.ascontiguousarray(pixels[::-1] if flip else pixels)
 
 
 class ImageRows:
@@ -54,20 +59,28 @@ class ImageRows:
     - ``height``, ``width``: of the image
     - ``batch``: the most rows that :meth:`read` yields at once; by default they take 50 MB, or are those that the
       file packs together, a row of tiles for one
+    - ``largest``: the largest finite value that its type holds: of half floats 65504, else float32's
     - ``notes``: remarks for the user: the layer that was taken, a factor in the header that was divided out, ...
 
+    ``layer`` and ``flip`` are those of :func:`read_image`.
     A file that lies on its side is read whole all the same. Raises :class:`LightdomeError` as :func:`read_image` does.
     """
 
-    def __init__(self, path: str | Path, batch: int | None = None, layer: str | None = None) -> None:
-        self.path = Path(path)
+    def __init__(
+        self, path: str | Path, batch: int | None = None, layer: str | None = None, flip: bool = False
+    ) -> None:
+        self.path = checks.path(path)
+        self.flip = flip
         self._layer = layer
         with _opened(self.path, layer) as source:
             self._on_its_side = source.orientation >= 5
             self.height, self.width = (source.rows, source.columns)[:: -1 if self._on_its_side else 1]
+            self.largest = source.largest
             self.notes = source.notes
             self._together = source.together
             fitting = BATCH_VALUES // (source.columns * 3)
+        if batch is not None:
+            checks.whole("a batch", batch, 1, 2**31 - 1)
         self.batch = batch or max(fitting - fitting % self._together, self._together)
 
     def read(self, rows: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -75,6 +88,15 @@ class ImageRows:
 
         Batches come in the file's order, which may be bottom up. Other rows are not read where the format allows it.
         """
+        if not self.flip:
+            yield from self._read(rows)
+            return
+        last = self.height - 1
+        for batch, pixels in self._read(last - rows[::-1]):
+            yield last - batch[::-1], pixels[::-1]
+
+    def _read(self, rows: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """The same of the file's own rows, from the top as it says."""
         if self._on_its_side:
             image = read_image(self.path, self._layer)
             for begin in range(0, len(rows), self.batch):
@@ -146,29 +168,72 @@ def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
 def auto_exposure(radiance: np.ndarray) -> float:
     """The factor that brings the 95th percentile of the pixels' largest channel to 1.
 
-    Black pixels do not count: a sphere's background must not change its exposure. 1 for a black image.
+    Black pixels do not count: a sphere's background must not change its exposure. Nor do infinite ones. 1 for a black
+    image. Raises :class:`LightdomeError` for values that are no numbers.
     """
-    brightest = radiance.max(axis=-1)
-    lit = brightest[brightest > 0]
+    brightest = _numbers(radiance).max(axis=-1)
+    lit = brightest[(brightest > 0) & (brightest < np.inf)]
     level = float(np.percentile(lit, 95)) if lit.size else 1.0
     return min(1.0 / level, 3e38) if level > 0 else 1.0
 
 
 def tone_map(radiance: np.ndarray, exposure: float, gamma: float = 2.2) -> np.ndarray:
-    """8-bit values round(255 (exposure L)^(1/gamma)), clipped; the shape of ``radiance``, uint8."""
-    scaled = np.clip(radiance.astype(np.float64) * exposure, 0.0, 1.0)
-    return np.rint(255.0 * scaled ** (1.0 / gamma)).astype(np.uint8)
+    """8-bit values round(255 (exposure L)^(1/gamma)), clipped; the shape of ``radiance``, uint8.
+
+    Raises :class:`LightdomeError` for NaN, and for an exposure or a gamma that is not finite and above 0.
+    """
+    exposure, gamma = checks.positive("the exposure", exposure), checks.positive("gamma", gamma)
+    radiance = _numbers(radiance)
+    result = np.empty(radiance.shape, np.uint8)
+    rows = max(1, BATCH_VALUES // max(1, radiance[0].size))  # at a time: float64 takes memory
+    with np.errstate(over="ignore"):  # to white
+        for first in range(0, len(radiance), rows):
+            part = slice(first, first + rows)
+            scaled = np.clip(radiance[part].astype(np.float64) * exposure, 0.0, 1.0)
+            result[part] = np.rint(255.0 * scaled ** (1.0 / gamma))
+    return result
+
+
+def _numbers(radiance: np.ndarray) -> np.ndarray:
+    """Radiance in an array of any shape but an empty one, without NaN."""
+    radiance = checks.array("radiance", radiance)
+    if radiance.size == 0 or radiance.ndim == 0:
+        raise LightdomeError(f"radiance is an array of pixels, not one of shape {radiance.shape}")
+    if np.isnan(radiance.max()):
+        raise LightdomeError(f"radiance holds NaN in {int(np.isnan(radiance).sum())} places; mend it first")
+    return radiance
 
 
 def write_image(path: str | Path, pixels: np.ndarray) -> None:
-    """Write (H, W, 3) pixels, row 0 at the top: float32 as .pfm or .exr, uint8 as .ppm or .png.
+    """Write (H, W, 3) pixels, row 0 at the top: radiance, floating point, as .pfm or .exr, uint8 as .ppm or .png.
 
-    The file appears only when it is complete. Raises :class:`LightdomeError` where it cannot be written.
+    Radiance is written as it is, in single precision. The file appears only when it is complete. Raises
+    :class:`LightdomeError` for other types, shapes and suffixes, and where the file cannot be written.
     """
-    path = Path(path)
+    path = checks.path(path)
+    suffix = path.suffix.lower()
+    pixels = checks.array("an image", pixels, ("H", "W", 3))
+    if suffix not in LINEAR + DISPLAYED:
+        raise LightdomeError(f"cannot write {path}: the name of an image ends in {', '.join(LINEAR + DISPLAYED)}")
+    if 0 in pixels.shape:
+        raise LightdomeError(f"cannot write {path}: an image of shape {pixels.shape} has no pixels")
+    if suffix in DISPLAYED and pixels.dtype != np.uint8:
+        raise LightdomeError(
+            f"cannot write {path}: {suffix} holds 8-bit values, not {pixels.dtype}; give radiance to tone_map first,"
+            " or write a .pfm or .exr"
+        )
+    if suffix in LINEAR:
+        if pixels.dtype.kind != "f":
+            raise LightdomeError(
+                f"cannot write {path}: {suffix} holds radiance, floating point, not {pixels.dtype}; write 8-bit values"
+                " as .ppm or .png"
+            )
+        if pixels.dtype.itemsize > 4 and (np.isfinite(pixels) & (np.abs(pixels) > LARGEST)).any():
+            raise LightdomeError(f"cannot write {path}: it holds values up to {LARGEST:.3g}, and these are larger")
+        pixels = pixels.astype(np.float32, copy=False)
     height, width, channels = pixels.shape
-    spec = oiio.ImageSpec(width, height, channels, oiio.UINT8 if pixels.dtype == np.uint8 else oiio.FLOAT)
-    if path.suffix == ".ppm":
+    spec = oiio.ImageSpec(width, height, channels, oiio.UINT8 if suffix in DISPLAYED else oiio.FLOAT)
+    if suffix == ".ppm":
         spec.attribute("pnm:pfmflip", 0)
         spec.attribute("pnm:binary", 1)
     with replacing(path) as temporary:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from . import reference
+from .checks import made
 from .disc import disc_mask
 from .envmap import column_angles, row_angles, solid_angles
 from .errors import LightdomeError
@@ -95,12 +96,13 @@ class MitsubaSampler:
             ],
             axis=1,
         )
-        return Samples(
-            direction.astype(np.float32),
-            self._radiance[y, x],
-            p,
-            np.stack([x, y], axis=1).astype(np.int32),
-            (height, width),
+        return made(  # unchecked: whether they are right is the question
+            Samples,
+            direction=direction.astype(np.float32),
+            radiance=self._radiance[y, x],
+            probability=p,
+            pixel=np.stack([x, y], axis=1).astype(np.int32),
+            map_shape=(height, width),
         )
 
     def image(self, samples: Samples, resolution: int) -> np.ndarray:

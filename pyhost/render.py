@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from . import buffers
+from . import buffers, checks
 from .disc import check_resolution, disc_tiles
 from .distribution import Distribution, build_cdfs, philox_key
 from .envmap import row_angles
@@ -67,19 +67,29 @@ def render(
 
     An image of more samples continues the one of fewer, so all cost as much as the largest. A black map
     gives black. Raises :class:`LightdomeError` for a resolution or a number of samples out of range, for
-    unknown names, and for compensation without ``mis``.
+    an albedo that is negative or not finite, for unknown names, and for compensation without ``mis``.
     """
-    check_resolution(resolution)
-    if not spp or min(spp) < 1 or max(spp) >= 2**31:
-        raise LightdomeError(f"samples a pixel are from 1 to 2147483647, not {list(spp)}")
-    if estimator not in ESTIMATORS:
-        raise LightdomeError(f"unknown estimator {estimator!r}; there is {', '.join(ESTIMATORS)}")
-    if sequence not in SEQUENCES:
-        raise LightdomeError(f"unknown sequence {sequence!r} to render with; there is {', '.join(SEQUENCES)}")
+    checks.instance("the distribution", distribution, Distribution)
+    resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
+    spp = sorted(set(checks.wholes("samples a pixel", spp, 1, 2**31 - 1)))
+    checks.choice("estimator", estimator, ESTIMATORS)
+    checks.choice("sequence", sequence, SEQUENCES)
     if mis_compensation and estimator != "mis":
         raise LightdomeError(f"MIS compensation is for the estimator 'mis', not {estimator!r}")
     key = philox_key(seed)
-    spp = sorted(set(spp))
+    return _images(distribution, spp, resolution, albedo, key, estimator, sequence, mis_compensation)
+
+
+def _images(
+    distribution: Distribution,
+    spp: Sequence[int],
+    resolution: int,
+    albedo: float,
+    key: np.ndarray,
+    estimator: str,
+    sequence: str,
+    mis_compensation: bool,
+) -> Iterator[tuple[int, np.ndarray]]:
     if distribution.total == 0:
         yield from _black(spp, resolution)
         return

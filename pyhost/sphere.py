@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from . import __version__, buffers
+from . import __version__, buffers, checks
 from .buffers import DeviceArray
 from .cache import key_of, remembered
 from .device import Device
@@ -45,12 +45,25 @@ def shade(
 
     A pixel is albedo / pi times the sum of flux max(0, n . direction); outside the disc it is 0. What exceeds
     float32's largest number becomes that number.
-    Raises :class:`LightdomeError` for a resolution outside 1 to 16384.
+    Raises :class:`LightdomeError` for a resolution outside 1 to 16384, an albedo that is negative or not finite,
+    directions that are no unit vectors, and fluxes that are negative or not finite.
     """
-    check_resolution(resolution)
+    checks.instance("the device", device, Device)
+    resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
+    return _shade(device, *checks.lights(direction, flux), resolution, albedo, brute_force)
+
+
+def _shade(
+    device: Device,
+    direction: np.ndarray,
+    flux: np.ndarray,
+    resolution: int,
+    albedo: float,
+    brute_force: bool = False,
+) -> np.ndarray:
     if len(direction) == 0:
         return np.zeros((resolution, resolution, 3), np.float32)
-    reflected = np.asarray(flux, np.float64) * (albedo / np.pi)
+    reflected = flux * (albedo / np.pi)
     exponent = light_exponent(reflected.sum(axis=0).max())
     if exponent:
         reflected = np.ldexp(reflected, -exponent)
@@ -145,6 +158,9 @@ def shade_samples(device: Device, samples: Samples, resolution: int = 511, albed
     Beyond some hundred samples a row of the map most share a pixel with others: then they are summed on a map, and
     the image is that map's, as :func:`exact` makes it. See :func:`shade` for the image and the errors raised.
     """
+    checks.instance("the device", device, Device)
+    checks.instance("samples", samples, Samples)
+    resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
     height, width = samples.map_shape
     if len(samples) >= SAMPLES_A_ROW * height:
         index = samples.pixel[:, 1].astype(np.int64) * width + samples.pixel[:, 0]
@@ -152,8 +168,10 @@ def shade_samples(device: Device, samples: Samples, resolution: int = 511, albed
         radiance = flux.reshape(height, width, 3) / solid_angles(height, width)[:, None, None]
         if radiance.max() <= LARGEST:
             device.omit("lights of samples that share a pixel", "they are summed on a map")
-            return exact(device, EnvironmentMap(radiance), resolution, albedo)
-    return shade(device, samples.direction, samples.flux, resolution, albedo)
+            radiance = radiance.astype(np.float32)
+            envmap = checks.made(EnvironmentMap, radiance=radiance, peak=float(radiance.max()), replaced=None)
+            return exact(device, envmap, resolution, albedo)
+    return _shade(device, samples.direction, samples.flux, resolution, albedo)
 
 
 # Part of the key of kept images: change it when the camera or a map's orientation changes.
@@ -162,6 +180,9 @@ CONVENTION = "row 0 up, phi from +x to +z, camera along -z"
 
 def exact_kept(device: Device, envmap: EnvironmentMap, resolution: int = 511) -> np.ndarray:
     """:func:`exact` with albedo 1, from the cache on disk if the same map was summed before."""
+    checks.instance("the device", device, Device)
+    checks.instance("the map", envmap, EnvironmentMap)
+    resolution = check_resolution(resolution)
     key = key_of(CONVENTION, __version__, str(resolution), str(envmap.radiance.shape), envmap.radiance.data)
     shape = (resolution, resolution, 3)
     return remembered("exact", key, lambda: exact(device, envmap, resolution), shape)
@@ -173,7 +194,9 @@ def exact(device: Device, envmap: EnvironmentMap, resolution: int = 511, albedo:
     Takes time in proportion to R^2 H and to the map's pixels, not to their product. See :func:`shade` for the
     image and the errors raised. Kernels: ``arc_sums.cl``, ``exact.cl``.
     """
-    check_resolution(resolution)
+    checks.instance("the device", device, Device)
+    checks.instance("the map", envmap, EnvironmentMap)
+    resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
     height, width = envmap.height, envmap.width
     scale = range_scale(envmap.peak)
     theta, phi = row_angles(height), column_angles(width)

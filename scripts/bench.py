@@ -53,8 +53,8 @@ def main() -> None:
     parser.add_argument(
         "--resolution", type=cli.positive_int, default=511, metavar="R", help="width and height of the images in pixels"
     )
-    parser.add_argument("--seeds", type=cli.positive_int, default=8, metavar="N", help="seeds for the errors")
-    parser.add_argument("--repeats", type=cli.positive_int, default=5, metavar="N", help="runs for the times")
+    parser.add_argument("--seeds", type=cli.times, default=8, metavar="N", help="seeds for the errors")
+    parser.add_argument("--repeats", type=cli.times, default=5, metavar="N", help="runs for the times")
     parser.add_argument("--quick", action="store_true", help="smaller image, fewer counts, seeds and repeats: a minute")
     parser.add_argument(
         "--roofline",

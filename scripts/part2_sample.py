@@ -62,7 +62,7 @@ def main() -> None:
     from lightdome.device import open_device
     from lightdome.images import ImageRows
 
-    image = ImageRows(args.map, layer=args.layer)
+    image = ImageRows(args.map, layer=args.layer, flip=args.flip)
     device = open_device(args.device)
     print(f"device: {device.description}")
     print(f"map: {args.map}, {image.width} x {image.height}")
@@ -89,7 +89,16 @@ def write_samples(args: Namespace, out: Path, image: "ImageRows", device: "Devic
         if note:
             print(note, file=sys.stderr)
     names = []
-    for samples in sample_file(device, image, args.counts, args.seed, args.sequence, sanitize=args.sanitize):
+    sets = sample_file(
+        device,
+        image,
+        args.counts,
+        args.seed,
+        args.sequence,
+        sanitize=args.sanitize,
+        report=lambda replaced: print(replaced.note, file=sys.stderr),
+    )
+    for samples in sets:
         names.append(f"samples_{len(samples)}.npz")
         samples.save(out / names[-1])
         print(f"wrote {out}/{names[-1]}")

@@ -111,7 +111,7 @@ def test_texels_inside_a_pixel_have_its_radiance():
 
 
 def test_the_side_of_the_square_must_be_even():
-    with pytest.raises(ValueError, match="even"):
+    with pytest.raises(LightdomeError, match="even"):
         to_equal_area(np.ones((2, 4, 3), np.float32), 5)
 
 
