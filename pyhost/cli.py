@@ -119,7 +119,9 @@ def map_options(parser: argparse.ArgumentParser) -> None:
         help="latitude-longitude environment map: .exr, .hdr or .pfm",
     )
     parser.add_argument(
-        "--layer", metavar="NAME", help="layer or part of an .exr file to take as the map, where it leaves a doubt"
+        "--layer",
+        metavar="NAME",
+        help="layer or part of an .exr file that is the map (default: R, G, B or Y, else the only one that can be it)",
     )
     parser.add_argument(
         "--sanitize",
