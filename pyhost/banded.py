@@ -58,6 +58,7 @@ def sample_file(
     checks.instance("the image", image, ImageRows)
     counts = checks.wholes("counts", counts, 0, MAX_COUNT)
     defines = [sequence_define(count, sequence) for count in counts]
+    buffers.check_room(device, 12 * sum(counts))  # as where the map is in memory
     key = philox_key(seed)
     inspection = Inspection(sanitize, image.largest)
     row_sums = _row_sums(device, image, 1.0, inspection)

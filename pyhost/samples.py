@@ -84,7 +84,11 @@ class Samples:
         return self.radiance / (len(self) * self.density[:, None])
 
     def save(self, path: str | Path) -> None:
-        """Write the samples as ``.npz``; the file appears only when it is complete."""
+        """Write the samples as ``.npz``; the file appears only when it is complete.
+
+        Raises :class:`LightdomeError` where it cannot be written, and for more than 2^27, which :meth:`load` refuses.
+        """
+        check_count(len(self))
         arrays = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
         arrays["map_shape"] = np.asarray(self.map_shape, dtype=np.int32)
         arrays["seed"] = np.asarray(self.seed, dtype=np.uint64)
@@ -117,6 +121,12 @@ class Samples:
         )
         _check(path, result)
         return checks.made(cls, **{**vars(result), "pixel": result.pixel.astype(np.int32, copy=False)})
+
+
+def check_count(count: int) -> None:
+    """Raise :class:`LightdomeError` for more samples than :meth:`Samples.load` would read."""
+    if count > MAX_SAMPLES:
+        raise LightdomeError(f"a file holds up to {MAX_SAMPLES} samples, not {count}; use fewer samples")
 
 
 # What a file must hold: kinds of its type, and shape with N for the number of samples.

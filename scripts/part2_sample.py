@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 
 from lightdome import cli
 from lightdome.errors import LightdomeError
-from lightdome.samples import SEQUENCES
+from lightdome.samples import SEQUENCES, check_count
 
 if TYPE_CHECKING:
     from lightdome.device import Device
     from lightdome.images import ImageRows
 
-BYTES_A_PIXEL = 90  # of the map in the host's memory, at the peak: tone mapping it for the eye takes most of them
+BYTES_A_PIXEL = 50  # of the map in the host's memory, at the peak: map, CDFs, pictures and marks
 
 
 def main() -> None:
@@ -56,6 +56,7 @@ def main() -> None:
     cli.explain_option(parser)
     args = parser.parse_args()
     args.counts = sorted(set(args.counts))
+    check_count(args.counts[-1])
 
     out = cli.output_folder(args.out)
 
