@@ -104,9 +104,11 @@ class EnvironmentMap:
         With ``flip`` the file's rows are taken in reverse, as where it was written upside down. Raises
         :class:`LightdomeError` where the file cannot be read or holds bad pixels.
         """
+        inspection = Inspection(sanitize)
         rows = ImageRows(path, layer=layer)
+        if inspection.sanitize == "clamp":
+            inspection.infinity = rows.largest
         result = object.__new__(cls)
-        inspection = Inspection(sanitize, rows.largest)
         # Nobody else has what was read: it is not copied.
         result._take(read_image(path, layer, flip), inspection, str(path), rows.notes)
         return result

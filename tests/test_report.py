@@ -297,7 +297,7 @@ def test_other_programs_that_are_there_are_measured(
     monkeypatch.setattr(report, "write", lambda *_: 0)
     monkeypatch.setattr(peer_mitsuba, "installed", lambda: there)
     options = argparse.Namespace(
-        map=small_map, layer=None, out=tmp_path, device=None, quick=True, sanitize=False, pbrt=None
+        map=small_map, layer=None, flip=False, out=tmp_path, device=None, quick=True, sanitize=False, pbrt=None
     )
     the_script.make(options)
     assert ("mitsuba" in asked["stability"], "mitsuba" in asked["bench"], "pbrt" in asked["bench"]) == (there,) * 3
