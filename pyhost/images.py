@@ -87,13 +87,16 @@ class ImageRows:
         """Yield the radiance of ``rows``, ascending numbers, in batches: their numbers (n,), and (n, W, 3) float32.
 
         Batches come in the file's order, which may be bottom up. Other rows are not read where the format allows it.
+        Raises :class:`LightdomeError` for numbers that are not those of rows, or do not ascend.
         """
-        if not self.flip:
-            yield from self._read(rows)
-            return
+        rows = checks.array("rows", rows, ("N",))
+        inside = rows.size == 0 or (rows[0] >= 0 and rows[-1] < self.height and (np.diff(rows.astype(float)) > 0).all())
+        if rows.dtype.kind == "f" or not inside:
+            raise LightdomeError(f"rows are ascending whole numbers from 0 to {self.height - 1}")
         last = self.height - 1
-        for batch, pixels in self._read(last - rows[::-1]):
-            yield last - batch[::-1], pixels[::-1]
+        if not self.flip:
+            return self._read(rows)
+        return ((last - batch[::-1], pixels[::-1]) for batch, pixels in self._read(last - rows[::-1].astype(np.int64)))
 
     def _read(self, rows: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """The same of the file's own rows, from the top as it says."""

@@ -11,6 +11,8 @@ from decimal import Decimal, localcontext
 
 import numpy as np
 
+from .errors import LightdomeError
+
 
 def angles(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
     """(theta, phi) of all pixel centres, each (H, W), radians."""
@@ -92,7 +94,13 @@ def exact(radiance: np.ndarray, normal: np.ndarray, albedo: float = 1.0) -> np.n
 
 
 def relative_rmse(image: np.ndarray, reference: np.ndarray) -> float:
-    """sqrt(mean((image - reference)^2)) / sqrt(mean(reference^2)) over the disc of (R, R, 3) images."""
+    """sqrt(mean((image - reference)^2)) / sqrt(mean(reference^2)) over the disc of (R, R, 3) images.
+
+    Raises :class:`LightdomeError` for images of other shapes, or of two sizes.
+    """
+    shape = np.shape(image)
+    if shape != np.shape(reference) or shape != (*shape[:1] * 2, 3):
+        raise LightdomeError(f"two images of shape (R, R, 3) are compared, not {shape} and {np.shape(reference)}")
     inside = ~np.isnan(normals(len(image))[..., 0])
     difference = image[inside].astype(np.float64) - reference[inside]
     return float(np.sqrt((difference**2).mean() / (reference[inside].astype(np.float64) ** 2).mean()))

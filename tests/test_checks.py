@@ -12,7 +12,7 @@ import lightdome
 import numpy as np
 import pytest
 from conftest import stiff_radiance
-from lightdome import checks, equiarea, fresnel, mediancut, pbrt, product
+from lightdome import checks, equiarea, fresnel, mediancut, pbrt, product, reference
 from lightdome.device import Device
 from lightdome.disc import disc_mask
 from lightdome.distribution import build_distribution
@@ -169,6 +169,10 @@ WRONG: dict[str, tuple[Callable[[Given], object], tuple[str, ...]]] = {
     "counts none": (lambda g: lightdome.sample_file(g.device, g.rows, []), ("counts", "none")),
     "counts 2.5": (lambda g: lightdome.sample_file(g.device, g.rows, [2.5]), ("counts", "2.5")),
     "batch": (lambda g: ImageRows(g.folder / "map.pfm", 0), ("batch", "0")),
+    "rows outside": (lambda g: g.rows.read(np.array([4])), ("rows", "0 to 3")),
+    "rows down": (lambda g: g.rows.read([2, 1]), ("rows", "ascending")),
+    "rows of floats": (lambda g: g.rows.read([0.5]), ("rows", "whole numbers")),
+    "two sizes": (lambda g: reference.relative_rmse(np.ones((2, 2, 3)), IMAGE), ("(2, 2, 3)", "(2, 4, 3)")),
     "lights 2.5": (lambda g: median_cut(g.distribution, 2.5), ("lights", "2.5")),
     "lights 0": (lambda g: median_cut(g.distribution, 0), ("lights", "0")),
     "order 1.5": (lambda g: project(g.device, g.envmap, 1.5), ("order", "1.5")),
