@@ -124,7 +124,7 @@ def map_options(parser: argparse.ArgumentParser) -> None:
         choices=["black", "clamp"],
         const="black",
         help="replace NaN, infinite and negative pixels by black; with clamp, infinite ones by the largest finite value"
-        " of the file's format",
+        " of the file's format (default: refuse the map)",
     )
     parser.add_argument("--flip", action="store_true", help="take the rows in reverse, for a file written upside down")
 

@@ -296,7 +296,9 @@ def test_other_programs_that_are_there_are_measured(
     monkeypatch.setattr(the_script, "Runs", Runs)
     monkeypatch.setattr(report, "write", lambda *_: 0)
     monkeypatch.setattr(peer_mitsuba, "installed", lambda: there)
-    options = argparse.Namespace(map=small_map, out=tmp_path, device=None, quick=True, sanitize=False, pbrt=None)
+    options = argparse.Namespace(
+        map=small_map, out=tmp_path, device=None, quick=True, sanitize=None, flip=False, pbrt=None
+    )
     the_script.make(options)
     assert ("mitsuba" in asked["stability"], "mitsuba" in asked["bench"], "pbrt" in asked["bench"]) == (there,) * 3
     assert "numpy" in asked["bench"]
