@@ -7,15 +7,17 @@
 // prefix sums (arc_sums.cl). At either end of the arc come the columns that the horizon cuts, a few, or many where it
 // runs along the row. One from u_0 to u_1, distances from the normal's azimuth in columns, sends L (I(u_0) - I(u_1)), where
 // I(u) is what an even row sends from u on. It is a polynomial in pieces, the same for all of an image row
-// (horizon.py), and 0 from the end of the light on, to the last bit: a sun below the horizon leaves nothing.
+// (horizon.py), and 0 from the end of the light on, to the last bit: a sun below the horizon leaves nothing. Pieces
+// begin where the arc ends, so the next column's end lies in the same piece for all normals.
 //
 // arcs         from arc_sums.cl, for rows first .. first + rows - 1, with integrals over pixels in place of centres
 // radiance     height x width x 3 floats
 // scale        a power of two that keeps sums inside float's range
-// bounds       resolution x rows: half the arc that is seen whole and half the arc that is seen at all, in columns;
-//              pieces a column between them; and their number m
+// bounds       resolution x rows: h_0, half the arc that is seen whole, and h_1, half the arc that is seen at all, in
+//              columns; the pieces a column from h_0 to h_1; and their number m
 // start        resolution x rows: the first of m + 1 polynomials
-// polynomials  8 coefficients from the constant up: m for pieces, t = 0 to 1 from the dark end on; one for 1 column more
+// polynomials  m for the pieces, one for a column before h_0: 7 coefficients from the constant up, and 1 / the length of
+//              the piece. They are in t from 0, the piece's dark end, to 1
 // tiles        (x, y) of each group of PIXELS pixels that meets the disc
 // sum          2 x resolution x resolution x 3: high words, then low words of the rows so far; this adds its rows
 //
@@ -24,26 +26,39 @@
 #include "double_word.clh"
 #include "arc.clh"
 #include "angle.clh"
-#include "fma.clh"
 #include "normal.clh"
-
-// I(u)
-static inline float beyond(float u, float4 bounds, global const float8 *polynomials)
-{
-    const float x = fmax(bounds.y - u, 0.0f) * bounds.z;
-    const float piece = u < bounds.x ? bounds.w : fmin(floor(x), bounds.w - 1.0f);
-    const float t = u < bounds.x ? bounds.x - u : x - piece;
-    const float8 c = polynomials[(uint)piece];
-    return FMA(t, FMA(t, FMA(t, FMA(t, FMA(t, FMA(t, c.s6, c.s5), c.s4), c.s3), c.s2), c.s1), c.s0);
-}
+#include "sphere.clh"
 
 #ifdef GREY
-#define COLOUR(x, row) ((row)[3 * (x)])
 typedef float colour;
+#define COLOUR(row, x) ((row)[3 * (x)])
 #else
-#define COLOUR(x, row) vload3(x, row)
 typedef float3 colour;
+#define COLOUR(row, x) vload3(x, row)
 #endif
+
+// A polynomial at the distance x from the dark end of its piece.
+static inline pixels polynomial(float8 c, pixels x)
+{
+    const pixels t = clamp(x * c.s7, 0.0f, 1.0f);
+    pixels sum = FMA(t, (pixels)(c.s6), (pixels)(c.s5));
+    sum = FMA(t, sum, (pixels)(c.s4));
+    sum = FMA(t, sum, (pixels)(c.s3));
+    sum = FMA(t, sum, (pixels)(c.s2));
+    sum = FMA(t, sum, (pixels)(c.s1));
+    return FMA(t, sum, (pixels)(c.s0));
+}
+
+// cut += L weight at column x of the row, for each pixel; columns go round.
+static inline void add_column(private colour *cut, global const float *row, int width, ipixels x, pixels weight)
+{
+    int at[PIXELS];
+    float by[PIXELS];
+    STORE_PIXELS(x < 0 ? x + width : x >= width ? x - width : x, at);
+    STORE_PIXELS(fmax(weight, (pixels)(0.0f)), by);
+    for (int k = 0; k < PIXELS; ++k)
+        cut[k] += COLOUR(row, (size_t)at[k]) * by[k];
+}
 
 kernel void exact_areas(global const arc *restrict arcs,
                         global const float *restrict radiance,
@@ -60,11 +75,12 @@ kernel void exact_areas(global const arc *restrict arcs,
 {
     const uint2 tile = tiles[get_global_id(0)];
     const size_t half_width = (width + 1) / 2, stride = half_width + width + 1;
-    float centre[PIXELS];  // the normals' azimuths in columns
+    float azimuth[PIXELS];  // the normals', in columns
     for (int k = 0; k < PIXELS; ++k) {
         const float3 n = pixel_normal(tile.x + k, tile.y, resolution);
-        centre[k] = turns(n.z, n.x) * width;
+        azimuth[k] = turns(n.z, n.x) * width;
     }
+    const pixels centre = LOAD_PIXELS(azimuth);
 
     bounds += (size_t)tile.y * rows;
     start += (size_t)tile.y * rows;
@@ -78,38 +94,48 @@ kernel void exact_areas(global const arc *restrict arcs,
     arc whole = 0.0f;
     for (uint r = 0; r < rows; ++r) {
         global const arc *row = arcs + (r * stride + half_width) * 2;
-        global const float *row_radiance = radiance + (size_t)r * width * 3;
-        const float4 b = bounds[r];
-        if (b.y <= 0.0f)
+        global const float *L = radiance + (size_t)r * width * 3;
+        const float h_0 = bounds[r].x, h_1 = bounds[r].y;
+        if (h_1 <= 0.0f)
             continue;
-        if (b.x >= 0.5f * width) {
+        if (h_0 >= 0.5f * width) {
             whole += row[2 * width] - row[0] + (row[2 * width + 1] - row[1]);
             continue;
         }
-        global const float8 *p = polynomials + start[r];
-        for (int k = 0; k < PIXELS; ++k) {
-            int begin = (int)ceil(centre[k] - b.x), end = (int)floor(centre[k] + b.x);
-            if (begin < end) {
-                matrix[k] += row[2 * end] - row[2 * begin] + (row[2 * end + 1] - row[2 * begin + 1]);
-            } else {  // the column of the normal's azimuth is cut at both ends
-                end = (int)floor(centre[k]);
-                begin = end + 1;
-            }
-            // Columns at the right end, then at the left end, until nothing is left beyond.
+        const ipixels begin = CONVERT_INDICES(ceil(centre - h_0)), end = CONVERT_INDICES(floor(centre + h_0));
+        if (h_0 >= 1.0f) {
+            int from[PIXELS], to[PIXELS];
+            STORE_PIXELS(2 * begin, from);
+            STORE_PIXELS(2 * end, to);
 #pragma unroll
-            for (int side = -1; side <= 1; side += 2) {
-                int x = side > 0 ? end : begin - 1;
-                float u = side > 0 ? end - centre[k] : centre[k] - begin;
-                float left = beyond(fmax(u, 0.0f), b, p);
-                while (u < b.y) {
-                    u += 1.0f;
-                    const float next = beyond(u, b, p);
-                    const uint column = x < 0 ? x + width : x >= (int)width ? x - width : x;
-                    cut[k] += COLOUR(column, row_radiance) * scale * fmax(left - next, 0.0f);
-                    left = next;
-                    x += side;
+            for (int k = 0; k < PIXELS; ++k)
+                matrix[k] += row[to[k]] - row[from[k]] + (row[to[k] + 1] - row[from[k] + 1]);
+        }
+
+        global const float8 *p = polynomials + start[r];
+        const uint pieces = bounds[r].w, a_column = bounds[r].z;
+        const float length = 1.0f / a_column;
+        for (int side = -1; side <= 1; side += 2) {  // left, right
+            ipixels x = side > 0 ? end : begin - 1;
+            pixels u = side > 0 ? CONVERT_PIXELS(end) - centre : centre - CONVERT_PIXELS(begin);
+            pixels left = polynomial(p[pieces], h_0 - fmax(u, (pixels)(0.0f))) * scale;
+            // Not sure to see a column whole: the one of the normal's azimuth, from there to u.
+            if (h_0 < 1.0f)
+                add_column(cut, L, width, x - side, polynomial(p[pieces], (pixels)(h_0)) * scale - left);
+            for (uint next = 0; next < pieces; next += a_column) {
+                u += 1.0f;
+                // The piece that u lies in; the column's last also where rounding puts u beyond it.
+                const uint last = min(next + a_column, pieces) - 1;
+                pixels beyond = polynomial(p[last], fmin(h_0 + (last + 1) * length, h_1) - u) * scale;
+                for (uint i = last; i-- > next;) {
+                    const pixels distance = h_0 + (i + 1) * length - u;
+                    beyond = distance > 0.0f ? polynomial(p[i], distance) * scale : beyond;
                 }
+                add_column(cut, L, width, x, left - beyond);
+                left = beyond;
+                x += side;
             }
+            add_column(cut, L, width, x, left);
         }
     }
 

@@ -19,9 +19,10 @@ from __future__ import annotations
 
 import numpy as np
 
-COLUMNS = 512  # at least: a map of fewer has its pixels split, so that a piece or column is short
-POLES = 4  # a piece is no longer than this part of its distance from the nearest pole of theta*, as a complex function
-TERMS = 8  # of a polynomial in the table; the last is 0
+# A map of fewer rows or columns has its pixels split: a column is then short enough for a polynomial, and what the
+# horizon cuts is little beside the rest.
+LEAST_SHAPE = (64, 512)
+POLES = 4  # a piece is no longer than its distance from the nearest pole of theta*, as a complex function, over this
 
 
 def area_moments(height: int, width: int) -> np.ndarray:
@@ -41,11 +42,11 @@ def horizon_tables(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """I(u) / pi for the R rows of an image and the rows first .. first + count - 1 of a map of at least 512 columns.
 
-    - ``bounds``: (R, count, 4) float32: h_0 and h_1 in columns, the pieces a column and their number m. A row that is
-      dark has h_1 = 0, one that is seen whole has h_0 = W / 2; they have no pieces.
+    - ``bounds``: (R, count, 4) float32: h_0 and h_1 in columns, the pieces a column from h_0 on, and their number m.
+      A row that is dark has h_1 = 0, one that is seen whole has h_0 = W / 2; they have no pieces.
     - ``start``: (R, count) uint32, the first of their polynomials
-    - ``polynomials``: (P, 8) float32, coefficients from the constant up. The first m are of the pieces from h_1 down to
-      h_0, in t from 0 to 1; the one after them is for u < h_0, in columns of h_0 - u up to 1.
+    - ``polynomials``: (P, 8) float32: m for the pieces and one for the column before h_0, each 7 coefficients from the
+      constant up, in t from 0, the larger u, to 1; and 1 / the piece's length in columns
     """
     n_y = (resolution - 2.0 * np.arange(resolution)[:, None] - 1) / resolution
     s, b = np.sqrt(1 - n_y**2), np.abs(n_y)
@@ -55,35 +56,34 @@ def horizon_tables(
     low, high = edge[rows], edge[rows + 1]
     h_0, h_1 = _half_arc(s, b, high), _half_arc(s, b, low)
     cut = (h_1 > 0) & (h_0 < np.pi)
-    poles = np.hypot(np.clip(np.pi / 2, h_0, h_1) - np.pi / 2, b / s)
-    pieces = np.ceil((h_1 - h_0) * np.maximum(1 / column, POLES / np.maximum(poles, 1e-30)))
-    pieces = np.where(cut, np.maximum(pieces, 1), 0)
-    length = (h_1 - h_0) / np.maximum(pieces, 1)
-    with np.errstate(divide="ignore"):
-        a_column = np.where(length > 0, column / length, 0)
+    distance = np.maximum(np.hypot(np.clip(np.pi / 2, h_0, h_1) - np.pi / 2, b / s), 1e-30) / POLES
+    a_column = np.where(h_1 - h_0 > distance, np.ceil(column / distance), 1)
+    pieces = np.where(cut, np.floor((h_1 - h_0) / column * a_column) + 1, 0)
     bounds = np.stack([h_0 / column, h_1 / column, a_column, pieces], axis=2).astype(np.float32)
 
-    # A node at every end of a piece; that at h_0 has the polynomial for u < h_0.
+    # Nodes, by growing u: the ends of the pieces. With each but the last comes the piece that follows, and with the
+    # last, at h_1, the column before h_0.
     nodes = np.where(cut, pieces + 1, 0).astype(np.int64)
     start = np.cumsum(nodes).reshape(nodes.shape) - nodes
-    which = np.repeat(np.arange(nodes.size), nodes.ravel())
-    index = np.arange(len(which)) - start.ravel()[which]
-    s, b = (np.broadcast_to(a, cut.shape).ravel()[which] for a in (s, b))
-    low, high, h_0, h_1, length, pieces = (a.ravel()[which] for a in (low, high, h_0, h_1, length, pieces))
-    polynomials = np.zeros((len(which) + 1, TERMS))  # one more, since no buffer may be empty
-    inner = np.flatnonzero(index < pieces)
-    outer = np.flatnonzero(index == pieces)
-    _polynomials_of_pieces(polynomials, inner, s, b, low, h_1 - index * length, length)
-    whole = np.cumsum(polynomials.sum(axis=1))
-    polynomials[1:, 0] = whole[:-1]
-    polynomials[:-1, 0] -= polynomials[start.ravel()[which], 0]
-    s, b, h_0 = s[outer], b[outer], h_0[outer]
-    sine_squared, sine_cosine = _moments(low[outer], high[outer])
-    a, e = s * sine_squared * np.cos(h_0), s * sine_squared * np.sin(h_0)
-    # Taylor's series of a sin(d) + e (1 - cos(d)) + b d, the integral from h_0 - d to h_0.
-    for power, term in enumerate((a + b * sine_cosine, e / 2, -a / 6, -e / 24, a / 120), start=1):
-        polynomials[outer, power] = term * column**power
-    return bounds, start.astype(np.uint32), (polynomials / np.pi).astype(np.float32)
+    row = np.repeat(np.arange(nodes.size), nodes.ravel())
+    index = np.arange(len(row)) - start.ravel()[row]
+    s, b = (np.broadcast_to(a, cut.shape).ravel() for a in (s, b))
+    low, high, h_0, h_1, a_column, pieces = (a.ravel() for a in (low, high, h_0, h_1, a_column, pieces))
+    u = np.minimum(h_0[row] + index * (column / a_column[row]), h_1[row])
+    piece, last = np.flatnonzero(index < pieces[row]), np.flatnonzero(index == pieces[row])
+    polynomials = np.zeros((len(row) + 1, 8))  # one more, since no buffer may be empty
+    length = u[piece + 1] - u[piece]
+    polynomials[piece, 1:7] = _pieces(s[row], b[row], low[row], u, piece, length)
+    beyond = np.cumsum(polynomials[::-1].sum(axis=1))[::-1]
+    row = row[last]
+    polynomials[:-1, 0] = beyond[1:]
+    polynomials[last, 0] = beyond[start.ravel()[row]]
+    polynomials[:-1, 0] -= np.repeat(beyond[last], nodes.ravel()[row])
+    polynomials[last, 1:6] = _column(s[row], b[row], low[row], high[row], h_0[row]) * column ** np.arange(1, 6)
+    polynomials[:, :7] /= np.pi
+    polynomials[piece, 7] = np.divide(column, length, out=np.zeros_like(length), where=length > 0)
+    polynomials[last, 7] = 1
+    return bounds, start.astype(np.uint32), polynomials.astype(np.float32)
 
 
 def _edges(height: int) -> np.ndarray:
@@ -101,31 +101,40 @@ def _half_arc(s: np.ndarray, b: np.ndarray, theta: np.ndarray) -> np.ndarray:
     return np.arccos(np.clip(-b / s * np.cos(theta) / np.maximum(np.sin(theta), 1e-200), -1, 1))
 
 
-def _polynomials_of_pieces(
-    polynomials: np.ndarray,
-    inner: np.ndarray,
-    s: np.ndarray,
-    b: np.ndarray,
-    low: np.ndarray,
-    u: np.ndarray,
-    length: np.ndarray,
-) -> None:
-    """Fill the rows ``inner``: integrals of the quintics that share G, G' and G'' with G at the nodes u and the next."""
-    c = s * np.cos(u)
-    r = np.maximum(np.hypot(b, c), 1e-300)
+def _column(s: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray, h_0: np.ndarray) -> np.ndarray:
+    """Taylor's series of I(h_0 - d) - I(h_0) = p sin(d) + q (1 - cos(d)) + r d: coefficients of d to d^5, (N, 5)."""
+    sine_squared, sine_cosine = _moments(low, high)
+    p, q = s * sine_squared * np.cos(h_0), s * sine_squared * np.sin(h_0)
+    return np.stack([p + b * sine_cosine, q / 2, -p / 6, -q / 24, p / 120], axis=1)
+
+
+def _pieces(
+    s: np.ndarray, b: np.ndarray, low: np.ndarray, u: np.ndarray, piece: np.ndarray, length: np.ndarray
+) -> np.ndarray:
+    """Coefficients of t to t^6, (N, 6), of the integrals from the nodes piece + 1 of u, t = 0, to those of piece, t = 1.
+
+    They are those of the quintic that shares G, G' and G'' with G at both nodes.
+    """
+    c, slope = s * np.cos(u), s * np.sin(u)
+    r = np.maximum(np.hypot(b, c), 1e-200)
     sine, cosine = b / r, -c / r  # of theta*
     t = np.arctan2(b, -c) - low
     sine_t, cosine_t = np.sin(t), np.cos(t)
-    # The integral of sin(theta)^2 from `low` to theta*, and G, in terms that do not cancel.
+    # The integral of sin(theta)^2 from `low` to theta*; then G in terms that do not cancel, and its derivatives by -u.
     sine_squared = (t - sine_t * (np.cos(low) * cosine - np.sin(low) * sine)) / 2
     g = r / 2 * (sine * sine_t**2 + cosine * (sine_t * cosine_t - t))
-    slope = s * np.sin(u)
-    # By t, which grows as u falls.
-    g_1 = slope * sine_squared * length
-    g_2 = (slope**2 * sine**2 * b / r**2 - c * sine_squared) * length**2
-    after, length = inner + 1, length[inner]
-    p, d, e = g[inner], g_1[inner], g_2[inner] / 2
-    dp, dd, de = g[after] - p - d - e, g_1[after] - d - 2 * e, g_2[after] / 2 - e
-    quintic = (p, d, e, 10 * dp - 4 * dd + de, -15 * dp + 7 * dd - 2 * de, 6 * dp - 3 * dd + de)
-    for power, term in enumerate(quintic, start=1):
-        polynomials[inner, power] = term * (length / power)
+    g_1 = slope * sine_squared
+    g_2 = slope**2 * sine**2 * (b / r) / r - c * sine_squared
+    value, first, second = g[piece + 1], g_1[piece + 1] * length, g_2[piece + 1] * length**2 / 2
+    d_value = g[piece] - value - first - second
+    d_first = g_1[piece] * length - first - 2 * second
+    d_second = g_2[piece] * length**2 / 2 - second
+    quintic = (
+        value,
+        first,
+        second,
+        10 * d_value - 4 * d_first + d_second,
+        -15 * d_value + 7 * d_first - 2 * d_second,
+        6 * d_value - 3 * d_first + d_second,
+    )
+    return np.stack([term * length / power for power, term in enumerate(quintic, start=1)], axis=1)

@@ -21,7 +21,7 @@ from .distribution import range_scale, sine_cosine
 from .envmap import EnvironmentMap, column_angles, row_angles, solid_angles
 from .errors import LightdomeError
 from .float_range import LARGEST, light_exponent, to_float32
-from .horizon import COLUMNS, area_moments, horizon_tables
+from .horizon import LEAST_SHAPE, area_moments, horizon_tables
 from .progress import Progress
 from .samples import Samples
 
@@ -198,9 +198,10 @@ def exact(
         raise LightdomeError(f"pixels of a map are {' or '.join(PIXELS)}, not {pixels!r}")
     height, width, values = envmap.height, envmap.width, envmap.radiance
     areas = pixels == "areas"
-    if areas and width < COLUMNS:  # radiance is constant over a pixel, so its parts send what it sends
-        values = np.repeat(values, -(-COLUMNS // width), axis=1)
-        width = values.shape[1]
+    if areas:  # radiance is constant over a pixel, so its parts send what it sends
+        for axis, least in enumerate(LEAST_SHAPE):
+            values = np.repeat(values, -(-least // values.shape[axis]), axis=axis)
+        height, width = values.shape[:2]
     scale = range_scale(envmap.peak)
     theta, phi = row_angles(height), column_angles(width)
     lanes = device.vector_width
