@@ -111,7 +111,7 @@ def _column(s: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray, h_0
 def _pieces(
     s: np.ndarray, b: np.ndarray, low: np.ndarray, u: np.ndarray, piece: np.ndarray, length: np.ndarray
 ) -> np.ndarray:
-    """Coefficients of t to t^6, (N, 6), of the integrals from the nodes piece + 1 of u, t = 0, to those of piece, t = 1.
+    """Coefficients of t to t^6, (N, 6), of the integrals from node piece + 1 of u, t = 0, to node piece, t = 1.
 
     They are those of the quintic that shares G, G' and G'' with G at both nodes.
     """
