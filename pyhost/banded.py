@@ -148,7 +148,7 @@ def _draw(
         for rows, pixels in image.read(np.unique(row)):
             # A distribution over these rows alone, each as likely as the others: the second point names one.
             mended = inspection.mended(pixels)
-            envmap = checks.made(EnvironmentMap, radiance=mended, peak=inspection.peak, replaced=None)
+            envmap = checks.made(EnvironmentMap, radiance=mended, peak=inspection.peak, replaced=None, notes=())
             band = buffers.upload(device, envmap.radiance)
             built = build_row_cdfs(device, band, scale)
             distribution = Distribution(

@@ -164,8 +164,13 @@ def stages(points: Sequence[Measurement], title: str) -> Figure:
     return figure
 
 
-def images(named: Mapping[str, np.ndarray], exact: np.ndarray, title: str) -> Figure:
-    """Every method's image over its error in false colour, beside the exact image; one scale for all errors."""
+def images(
+    named: Mapping[str, np.ndarray], exact: np.ndarray, title: str, exact_of: Mapping[str, np.ndarray] | None = None
+) -> Figure:
+    """Every method's image over its error in false colour, beside the exact image; one scale for all errors.
+
+    Errors are against ``exact``, or by an image's name against another one in ``exact_of``.
+    """
     exposure = auto_exposure(exact)
     mask = disc_mask(len(exact))
     peak = exact.max()
@@ -187,9 +192,10 @@ def images(named: Mapping[str, np.ndarray], exact: np.ndarray, title: str) -> Fi
         top.set_title(name, fontsize=9)
         if i == 0:
             continue
-        error = np.abs(image - exact).max(axis=2) / peak
+        own = (exact_of or {}).get(name, exact)
+        error = np.abs(image - own).max(axis=2) / peak
         bottom.imshow(np.where(mask, np.maximum(error, 1e-4), np.nan), norm=norm, cmap="magma")
-        truth = exact[mask].astype(np.float64)  # squares may leave float32's range
+        truth = own[mask].astype(np.float64)  # squares may leave float32's range
         rmse = np.sqrt(((image[mask] - truth) ** 2).mean() / (truth**2).mean())
         bottom.set_title(f"{100 * rmse:.2f} %", fontsize=8)
         error_axes.append(bottom)

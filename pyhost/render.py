@@ -9,9 +9,10 @@ Four estimators, all unbiased. What a sample a pixel of each is:
   a few milliseconds, and for no surface but a diffuse one
 
 The error of N independent points falls as 1 / sqrt(N), that of Sobol points faster. ``light`` and
-``product`` look at the centres of pixels like the samples of part 2 and converge to
+``product`` look at the centres of the map's pixels like the samples of part 2, and converge to
 :func:`lightdome.exact`; ``bsdf`` and ``mis`` see pixels as areas of constant radiance, and converge to
-less than it by a part of about (pi / H)^2 / 8, 5e-6 for H = 512 rows.
+``exact(..., pixels="areas")``. The two differ most beside the shadow's edge of a single bright pixel, in both
+directions, by a part of the image's maximum that falls as 1 / H.
 
 Kernels: ``render.cl``, ``render_product.cl``. Source: Veach, thesis (1997), chapter 9; Pharr, Jakob,
 Humphreys, Physically Based Rendering, 4th ed., 2.2 and 13.2; Karlik et al., MIS Compensation (2019).
@@ -21,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -44,6 +45,13 @@ SAMPLES_A_LAUNCH = 2**25  # pixels x spp between two updates of the progress lin
 PIXELS_A_BLOCK = 128  # that a work-item of a CPU renders side by side
 SAMPLES_A_SUM = 128  # spp that a launch sums in single precision; the sum over launches is in double words
 ESTIMATORS = ("light", "bsdf", "mis", "product")
+# What an estimator takes the map's pixels for, and so which exact image it converges to.
+PIXELS_OF: dict[str, Literal["centres", "areas"]] = {
+    "light": "centres",
+    "bsdf": "areas",
+    "mis": "areas",
+    "product": "centres",
+}
 SEQUENCES = ("independent", "sobol")
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from conftest import stiff_radiance
@@ -11,26 +13,29 @@ from lightdome.disc import disc_mask
 from lightdome.distribution import Distribution, build_distribution
 from lightdome.envmap import EnvironmentMap
 from lightdome.errors import LightdomeError
-from lightdome.render import ESTIMATORS, SEQUENCES, render
+from lightdome.render import ESTIMATORS, PIXELS_OF, SEQUENCES, render
+from lightdome.sphere import PIXELS
+from lightdome.sphere import exact as exact_image
 
 R = 24
 CENTRES = ("light", "product")  # see the pixels of the map as directions, the others as areas
+assert {e for e, pixels in PIXELS_OF.items() if pixels == "centres"} == set(CENTRES)
 ALL = [{"estimator": e} for e in ESTIMATORS] + [{"estimator": "mis", "mis_compensation": True}]
 NAMES = [*ESTIMATORS, "compensated"]
 
 
-def exact(radiance: np.ndarray, split: int = 1, resolution: int = R) -> np.ndarray:
-    """The float64 image; with each pixel of the map split into split x split of the same radiance."""
+def exact(radiance: np.ndarray, resolution: int = R, areas: bool = False) -> np.ndarray:
+    """The float64 image."""
     image = np.zeros((resolution, resolution, 3))
     mask = disc_mask(resolution)
-    fine = radiance.repeat(split, axis=0).repeat(split, axis=1)
-    image[mask] = reference.exact(fine, reference.normals(resolution)[mask])
+    truth = partial(reference.exact_areas, nodes=8 if len(radiance) > 16 else 16) if areas else reference.exact
+    image[mask] = truth(radiance, reference.normals(resolution)[mask])
     return image
 
 
 def limit(radiance: np.ndarray, estimator: str, resolution: int = R) -> np.ndarray:
     """What an estimator converges to."""
-    return exact(radiance, 1 if estimator in CENTRES else max(1, 128 // len(radiance)), resolution)
+    return exact(radiance, resolution, areas=estimator not in CENTRES)
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +80,24 @@ def test_the_mean_over_seeds_meets_the_exact_image(
     assert abs(z.mean()) < 0.15
     assert 0.85 < z.std() < 1.15
     assert np.abs(z).max() < 6
+
+
+@pytest.mark.parametrize("options", ALL, ids=NAMES)
+def test_under_one_lamp_each_estimator_meets_its_own_exact_image_and_not_the_other(
+    device: Device, options: dict[str, object]
+) -> None:
+    radiance = np.zeros((8, 16, 3), np.float32)
+    radiance[2, 3] = 1  # the two integrals differ by 5 % of the maximum
+    envmap = EnvironmentMap(radiance)
+    distribution = build_distribution(device, envmap)
+    image = one(distribution, 2**14, sequence="sobol", **options)
+    off = {pixels: np.abs(image - exact_image(device, envmap, R, pixels=pixels)).max() for pixels in PIXELS}
+    # Few of `bsdf`'s directions find the lamp.
+    assert (
+        off.pop(PIXELS_OF[str(options["estimator"])])
+        < (0.02 if options["estimator"] == "bsdf" else 0.006) * image.max()
+    )
+    assert off.popitem()[1] > 0.04 * image.max()
 
 
 @pytest.mark.parametrize("options", ALL, ids=NAMES)
@@ -170,7 +193,7 @@ def test_cells_and_tiles_of_many_pixels_leave_nothing_out(device: Device) -> Non
     radiance[48:60] = np.random.default_rng(2).random((12, 300, 1))
     radiance[:, 90:] *= 1e-3
     distribution = build_distribution(device, EnvironmentMap(radiance))
-    image, expected = one(distribution, 1024, 99, estimator="product", sequence="sobol"), exact(radiance, 1, 99)
+    image, expected = one(distribution, 1024, 99, estimator="product", sequence="sobol"), exact(radiance, 99)
     mask = disc_mask(99)
     relative = image[mask] / expected[mask] - 1
     # With half the reach of cells and tiles the first is 0.0010, with a quarter the second is 2e-4.
