@@ -19,7 +19,6 @@ from .device import Device
 from .disc import check_resolution, disc_tiles
 from .distribution import range_scale, sine_cosine
 from .envmap import EnvironmentMap, column_angles, row_angles, solid_angles
-from .errors import LightdomeError
 from .float_range import LARGEST, light_exponent, to_float32
 from .horizon import LEAST_SHAPE, area_moments, horizon_tables
 from .progress import Progress

@@ -171,7 +171,7 @@ def test_a_grey_map_of_areas_gives_the_same_image_from_one_channel(device: Devic
 
 @pytest.mark.parametrize("pixels", ["area", "", None])
 def test_other_pixels_are_refused(device: Device, stiff: EnvironmentMap, pixels: object) -> None:
-    with pytest.raises(LightdomeError, match="centres or areas"):
+    with pytest.raises(LightdomeError, match="centres, areas"):
         exact(device, stiff, 9, pixels=pixels)
 
 
