@@ -25,6 +25,58 @@ from typing import TYPE_CHECKING
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from . import (  # noqa: F401
+        banded,
+        benchmark,
+        benchmark_plot,
+        buffers,
+        cache,
+        cli,
+        decisions,
+        device,
+        disc,
+        distribution,
+        envmap,
+        equiarea,
+        errors,
+        files,
+        float_range,
+        fresnel,
+        fresnel_plot,
+        guide,
+        harmonics,
+        images,
+        interrupts,
+        lights,
+        markers,
+        mediancut,
+        names,
+        pbrt,
+        peer_mitsuba,
+        peer_mitsuba_distribution,
+        peer_numpy,
+        peer_pbrt,
+        peers,
+        plotting,
+        probe,
+        product,
+        profile,
+        programs,
+        progress,
+        reference,
+        render,
+        report,
+        report_figures,
+        roofline,
+        roofline_plot,
+        roofline_stages,
+        samples,
+        settings,
+        sphere,
+        stability,
+        stability_cases,
+        stability_plot,
+    )
     from .banded import sample_file
     from .device import Device, open_device
     from .distribution import Distribution, build_distribution
@@ -37,7 +89,7 @@ if TYPE_CHECKING:
     from .samples import Samples
     from .sphere import exact, shade, shade_samples
 
-# Loaded when first used: Fresnel needs no OpenCL, shading no image library.
+# Loaded when first used, as every module is: Fresnel needs no OpenCL, shading no image library.
 _HOME = {
     "Device": "device",
     "open_device": "device",
@@ -92,11 +144,22 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> object:
-    if name not in _HOME:
+def _modules() -> set[str]:
+    """The names of the package's modules."""
+    from pkgutil import iter_modules
+
+    return {module.name for module in iter_modules(__path__)}
+
+
+if not TYPE_CHECKING:  # or a type checker would take it for the type of every name, wrong ones too
+
+    def __getattr__(name: str) -> object:
+        if name in _HOME:
+            return getattr(import_module(f".{_HOME[name]}", __name__), name)
+        if not name.startswith("_") and name in _modules():
+            return import_module(f".{name}", __name__)
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f".{_HOME[name]}", __name__), name)
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return sorted({*__all__, *_modules()})

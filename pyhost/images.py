@@ -20,7 +20,7 @@ import numpy as np
 import OpenImageIO as oiio
 
 from .errors import LightdomeError, one_line
-from .files import cannot_write, replacing
+from .files import cannot_write, replacing, utf8_name
 
 READABLE = (".pfm", ".exr", ".hdr")
 MAX_PIXELS = 2**30
@@ -170,7 +170,7 @@ def _opened(path: Path) -> Iterator[oiio.ImageInput]:
     _, size, density = _look(path)
     config = oiio.ImageSpec()
     config.attribute("pnm:pfmflip", 1)
-    file = oiio.ImageInput.open(str(path), config)
+    file = oiio.ImageInput.open(utf8_name(path), config)
     if file is None:
         raise LightdomeError(f"{path} is no image that OpenImageIO can read: {_reason(oiio.geterror)}")
     try:
@@ -249,7 +249,8 @@ def auto_exposure(radiance: np.ndarray) -> float:
 
 def tone_map(radiance: np.ndarray, exposure: float, gamma: float = 2.2) -> np.ndarray:
     """8-bit values round(255 (exposure L)^(1/gamma)), clipped; the shape of ``radiance``, uint8."""
-    scaled = np.clip(radiance.astype(np.float64) * exposure, 0.0, 1.0)
+    with np.errstate(over="ignore"):  # infinity is clipped too
+        scaled = np.clip(radiance.astype(np.float64) * exposure, 0.0, 1.0)
     return np.rint(255.0 * scaled ** (1.0 / gamma)).astype(np.uint8)
 
 
@@ -265,10 +266,11 @@ def write_image(path: str | Path, pixels: np.ndarray) -> None:
         spec.attribute("pnm:pfmflip", 0)
         spec.attribute("pnm:binary", 1)
     with replacing(path) as temporary:
-        file = oiio.ImageOutput.create(str(temporary))
+        name = utf8_name(temporary)
+        file = oiio.ImageOutput.create(name)
         if file is None:
             raise cannot_write(path, _reason(oiio.geterror))
-        done = file.open(str(temporary), spec) and file.write_image(np.ascontiguousarray(pixels))
+        done = file.open(name, spec) and file.write_image(np.ascontiguousarray(pixels))
         done = file.close() and done
         if not done:
             raise cannot_write(path, _reason(file.geterror))

@@ -36,6 +36,7 @@ from typing import BinaryIO
 
 import numpy as np
 
+from .decisions import Decision
 from .disc import check_resolution, disc_mask
 from .envmap import EnvironmentMap
 from .equiarea import to_equal_area
@@ -181,7 +182,7 @@ def scene_text(
     if not 1 <= spp < 2**31:
         raise LightdomeError(f"samples a pixel are from 1 to 2147483647, not {spp}")
     if not 0 <= albedo <= 1:
-        raise LightdomeError(f"a PBRT scene has an albedo from 0 to 1, not {albedo:g}; choose another with --albedo")
+        raise LightdomeError(f"a PBRT scene has an albedo from 0 to 1, not {albedo}; choose another with --albedo")
     return TEMPLATE[version].format(
         remark=f"\n# Multiply its image by 2^{exponent}." if exponent else "",
         map=MAPS[version],
@@ -190,9 +191,30 @@ def scene_text(
         spp=spp,
         albedo=float(albedo),
         seed=seed % 2**31,
-        # zsobol is the best, but renders the next lower power of two of samples.
-        sampler="halton" if spp & (spp - 1) else "zsobol",
+        sampler=_sampler(spp),
     )
+
+
+def _sampler(spp: int) -> str:
+    """PBRT-v4's: zsobol is the best, but renders the next lower power of two of samples."""
+    return "halton" if spp & (spp - 1) else "zsobol"
+
+
+def decisions(pbrt: Pbrt, scene: Scene) -> list[Decision]:
+    """What was used for the image of ``scene``, and what was left out, with the reasons."""
+    result = [Decision("OpenCL kernels", False, f"{pbrt} rendered")]
+    if scene.version == 3:
+        result.append(Decision("the sampler halton", True, "PBRT-v3 has no other that keeps to the centres of pixels"))
+    elif _sampler(scene.spp) == "zsobol":
+        result.append(Decision("the sampler zsobol", True, f"{scene.spp} is a power of two"))
+    else:
+        result.append(Decision("the sampler halton", True, f"{scene.spp} is no power of two, as zsobol needs"))
+    if scene.exponent:
+        why = f"its largest value is far from 1; the image is multiplied by 2^{scene.exponent}"
+        result.append(Decision("scaling of the map", True, why))
+    else:
+        result.append(Decision("scaling of the map", False, "its largest value is not far from 1"))
+    return result
 
 
 def write_scenes(

@@ -1,10 +1,15 @@
 #!/usr/bin/env python3
 """Benchmark: how much error does a millisecond buy, and with which method?"""
 
+if __name__ == "__main__":  # before anything else, for Ctrl-C to be heard while the rest is loaded
+    from lightdome import interrupts
+
+    interrupts.end_at_once()
+
 import argparse
 from dataclasses import asdict
 
-from lightdome import cli
+from lightdome import cli, names
 
 ERRORS = (0.1, 0.03, 0.01, 0.003)
 # Map heights, image resolutions, and samples or lights, of --roofline.
@@ -29,7 +34,13 @@ def main() -> None:
         metavar="N",
         help="samples or lights that all pixels share",
     )
-    parser.add_argument("--methods", nargs="+", metavar="NAME", help="methods to measure (default: all)")
+    parser.add_argument(
+        "--methods",
+        nargs="+",
+        choices=names.METHODS,
+        metavar="NAME",
+        help=f"methods to measure (default: all): {', '.join(names.METHODS)}",
+    )
     parser.add_argument(
         "--peers",
         nargs="+",
@@ -38,7 +49,11 @@ def main() -> None:
         help="other programs to measure too (default: none)",
     )
     parser.add_argument(
-        "--pbrt", nargs="+", default=[], metavar="PATH", help="PBRT programs, or their folders (default: pbrt on PATH)"
+        "--pbrt",
+        nargs="+",
+        default=[],
+        metavar="PATH",
+        help="PBRT programs, or their folders, to measure too; --peers pbrt alone takes the pbrt on PATH",
     )
     parser.add_argument(
         "--spp", type=cli.positive_int, nargs="+", default=[8, 16, 32, 64], metavar="N", help="samples a pixel"
@@ -57,6 +72,8 @@ def main() -> None:
     )
     cli.device_option(parser)
     args = parser.parse_args()
+    if args.pbrt and "pbrt" not in args.peers:
+        args.peers = [*args.peers, "pbrt"]
     if args.quick:
         for name, value in {"resolution": 255, "seeds": 3, "repeats": 3}.items():
             if getattr(args, name) == parser.get_default(name):
@@ -83,9 +100,6 @@ def run(args: argparse.Namespace) -> None:
     print(f"device: {device.description}")
     print(f"map: {args.map}, {envmap.width} x {envmap.height}")
     methods = benchmark.methods(device, envmap, args.resolution)
-    unknown = set(args.methods or ()) - set(methods)
-    if unknown:
-        raise LightdomeError(f"unknown method {sorted(unknown)[0]!r}; there is {', '.join(methods)}")
     chosen = [method for name, method in methods.items() if not args.methods or name in args.methods]
     reference = exact_kept(device, envmap, args.resolution)
     found = peers.find(args.peers, envmap, args.resolution, args.pbrt)

@@ -18,6 +18,11 @@ come out on every machine.
 
 from __future__ import annotations
 
+if __name__ == "__main__":  # before anything else, for Ctrl-C to be heard while the rest is loaded
+    from lightdome import interrupts
+
+    interrupts.end_at_once()
+
 import argparse
 import math
 import signal

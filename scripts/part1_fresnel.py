@@ -3,11 +3,17 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":  # before anything else, for Ctrl-C to be heard while the rest is loaded
+    from lightdome import interrupts
+
+    interrupts.end_at_once()
+
 import argparse
 import json
 from dataclasses import asdict
 
 from lightdome import __version__, cli, settings
+from lightdome.errors import exactly
 from lightdome.files import replacing
 from lightdome.fresnel import Summary, summarise
 
@@ -36,7 +42,7 @@ def describe(summary: Summary) -> str:
 
     return "\n".join(
         [
-            f"eta {summary.eta:g}, angles of incidence in degrees",
+            f"eta {exactly(summary.eta)}, angles of incidence in degrees",
             f"  normal incidence   R_p = {summary.normal_reflectance_p:.5g}, R_s = {summary.normal_reflectance_s:.5g}",
             f"  Brewster's angle   {angle(summary.brewster_entering_deg)} entering, "
             f"{angle(summary.brewster_leaving_deg)} leaving",

@@ -3,12 +3,17 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":  # before anything else, for Ctrl-C to be heard while the rest is loaded
+    from lightdome import interrupts
+
+    interrupts.end_at_once()
+
 import sys
 from typing import TYPE_CHECKING
 
 from lightdome import cli
 from lightdome.errors import LightdomeError
-from lightdome.samples import SEQUENCES
+from lightdome.names import SEQUENCES
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -55,7 +60,7 @@ def main() -> None:
     args = parser.parse_args()
     args.counts = sorted(set(args.counts))
 
-    out = cli.output_folder(args.out)
+    out = cli.output_folder(args.out, images=not args.samples_only)
 
     from lightdome.device import open_device
     from lightdome.images import ImageRows
@@ -93,6 +98,9 @@ def write_samples(args: Namespace, out: Path, image: ImageRows, device: Device) 
     # The sum of its radiance would take all rows in order, which is not how every file has them.
     of_map = {"width": image.width, "height": image.height, "file_sha256": settings.file_sum(args.map)}
     settings.write(out, settings.settings(device, None, vars(args)) | {"map": of_map}, names)
+    # All counts are drawn in one go.
+    cli.explain(args, f"{', '.join(map(str, args.counts))} samples", device.decisions.take())
+    cli.explain_kernels(args, device)
 
 
 def write_samples_and_pictures(args: Namespace, out: Path, device: Device) -> None:
@@ -103,6 +111,7 @@ def write_samples_and_pictures(args: Namespace, out: Path, device: Device) -> No
 
     envmap = cli.load_map(args)
     distribution = build_distribution(device, envmap)
+    cli.explain(args, "the map", device.decisions.take())
     exposure = args.exposure or auto_exposure(envmap.radiance)
     picture = tone_map(envmap.radiance, exposure, args.gamma)
 
@@ -120,9 +129,10 @@ def write_samples_and_pictures(args: Namespace, out: Path, device: Device) -> No
             write_image(out / f"em_{count}.{suffix}", marked)
         names += [f"samples_{count}.npz", *(f"em_{count}.{suffix}" for suffix in ("pfm", "ppm", "png"))]
         print(f"wrote {out}/samples_{count}.npz and em_{count}.pfm, .ppm, .png")
+        cli.explain(args, f"{count} samples", device.decisions.take())
     settings.write(out, settings.settings(device, envmap, vars(args)), names)
-    print(f"exposure {exposure:.4g}, gamma {args.gamma:g}")
-    cli.explain(args, device)
+    print(cli.tone(args, exposure))
+    cli.explain_kernels(args, device)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,11 @@
 #!/usr/bin/env python3
 """The written report as PDF, and a zip of it and all images, from what is there or from fresh runs."""
 
+if __name__ == "__main__":  # before anything else, for Ctrl-C to be heard while the rest is loaded
+    from lightdome import interrupts
+
+    interrupts.end_at_once()
+
 import argparse
 import subprocess
 import sys

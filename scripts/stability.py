@@ -1,6 +1,11 @@
 #!/usr/bin/env python3
 """Stability: what becomes of a sampler on maps that break samplers, measured against float64."""
 
+if __name__ == "__main__":  # before anything else, for Ctrl-C to be heard while the rest is loaded
+    from lightdome import interrupts
+
+    interrupts.end_at_once()
+
 import argparse
 from contextlib import ExitStack
 
