@@ -20,9 +20,9 @@ chance, :mod:`.lights` writes light sets for other programs, :mod:`.fresnel` sta
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING
 
 __version__ = "0.1.0"
+TYPE_CHECKING = False  # as typing has it, which takes long to load
 
 if TYPE_CHECKING:
     from . import (  # noqa: F401

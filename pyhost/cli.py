@@ -8,6 +8,7 @@ itself exits with 2 on a wrong command line. Defects of lightdome keep their tra
 from __future__ import annotations
 
 import argparse
+import atexit
 import errno
 import io
 import math
@@ -38,12 +39,20 @@ def run(main: Callable[[], None]) -> NoReturn:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(line_buffering=True, errors="backslashreplace")
     os.environ.pop("MPLBACKEND", None)  # Jupyter leaves one behind that matplotlib may not find; plots go to files
+    take_back = interrupts.end_after(_clear_up)
     try:
-        with interrupts.raised(abandon):
-            status = _status(main)
-    except interrupts.Interrupted as stopped:
-        interrupts.leave(stopped)
-    sys.exit(status)
+        sys.exit(_status(main))
+    finally:
+        take_back()
+
+
+def _clear_up() -> None:
+    """Leave nothing behind on the way out that runs no ``finally``: half files, processes, temporary folders."""
+    if processes := sys.modules.get("multiprocessing"):
+        for process in processes.active_children():
+            process.kill()
+    abandon()
+    atexit._run_exitfuncs()
 
 
 def _status(main: Callable[[], None]) -> int:

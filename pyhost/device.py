@@ -20,7 +20,7 @@ from functools import cached_property
 from .cache import cache_folder, ensure_room, key_of
 from .decisions import Decisions
 from .errors import LightdomeError
-from .interrupts import unheard
+from .interrupts import Unheard
 from .profile import Profile
 from .programs import Kernel, Programs, check_process
 
@@ -124,7 +124,7 @@ def _candidates() -> list[_Candidate]:
     check_process(*_first_process or [os.getpid()])
     _first_process[:] = [os.getpid()]
     result = []
-    with unheard():  # PoCL starts threads here; a linker that they start must not be interrupted, or PoCL aborts
+    with Unheard():  # PoCL starts threads here; a linker that they start must not be interrupted, or PoCL aborts
         try:
             platforms = cl.get_platforms()
         except cl.Error:  # the loader's way to say that there are none
@@ -206,7 +206,7 @@ def _description(handle: cl.Device) -> str:
 
 
 def _open(handle: cl.Device) -> Device:
-    with unheard():  # as above, for implementations that start their threads here
+    with Unheard():  # as above, for implementations that start their threads here
         context = cl.Context([handle])
         queue = cl.CommandQueue(context, properties=cl.command_queue_properties.PROFILING_ENABLE)
     return Device(handle, context, queue, Programs(context))

@@ -19,6 +19,7 @@ Source: the file formats at https://pbrt.org/fileformat-v3 and https://pbrt.org/
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import os
 import re
@@ -321,6 +322,7 @@ def _run(command: list[str], timeout: float, progress: Progress | None = None) -
         reader = threading.Thread(target=_collect, args=(process.stdout, output), daemon=True)
         reader.start()
         deadline = time.monotonic() + timeout
+        atexit.register(_kill, process)
         try:
             while True:
                 try:
@@ -333,6 +335,7 @@ def _run(command: list[str], timeout: float, progress: Progress | None = None) -
                         progress.update(_fraction_done(output))
         finally:
             _kill(process)
+            atexit.unregister(_kill)
         # A grandchild that left the session could hold the pipe open for ever.
         reader.join(2.0)
         text = bytes(output).decode("utf-8", "replace")

@@ -25,7 +25,6 @@ if __name__ == "__main__":  # before anything else, for Ctrl-C to be heard while
 
 import argparse
 import math
-import signal
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -38,6 +37,7 @@ import numpy as np
 from lightdome.cli import run
 from lightdome.errors import LightdomeError
 from lightdome.files import replacing
+from lightdome.interrupts import Unheard
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -680,13 +680,10 @@ def render_rows(rows: Sequence[int], chapel: Chapel | None = None) -> NDArray[np
 def render() -> NDArray[np.float16]:
     """The whole map, (HEIGHT, WIDTH, 3), on all cores."""
     bands = [range(top, min(top + 8, HEIGHT)) for top in range(0, HEIGHT, 8)]
-    # Ctrl-C goes to the whole group: only this process shall answer it.
-    with ProcessPoolExecutor(initializer=signal.signal, initargs=(signal.SIGINT, signal.SIG_IGN)) as pool:
-        try:
-            return np.concatenate(list(pool.map(render_rows, bands)))
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    with ProcessPoolExecutor() as pool:
+        with Unheard():  # Ctrl-C goes to the whole group: only this process shall answer it
+            rendered = pool.map(render_rows, bands)
+        return np.concatenate(list(rendered))
 
 
 def write(path: Path, pixels: NDArray[np.float16]) -> None:

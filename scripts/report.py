@@ -7,6 +7,7 @@ if __name__ == "__main__":  # before anything else, for Ctrl-C to be heard while
     interrupts.end_at_once()
 
 import argparse
+import atexit
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -56,12 +57,10 @@ def run(script: str, *options: object) -> int:
     """Run a script with its errors and progress on our terminal; its exit status, 1 if it was killed."""
     command = [sys.executable, Path(__file__).with_name(script), *options]
     with subprocess.Popen([str(word) for word in command], stdout=subprocess.DEVNULL) as process:
-        try:
-            status = process.wait()
-            return status if status >= 0 else 1
-        except BaseException:
-            process.terminate()  # politely: it clears up after itself
-            raise
+        atexit.register(process.terminate)  # politely: it clears up after itself
+        status = process.wait()
+        atexit.unregister(process.terminate)
+        return status if status >= 0 else 1
 
 
 def main() -> None:
