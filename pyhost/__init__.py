@@ -144,22 +144,21 @@ __all__ = [
 ]
 
 
-def _modules() -> set[str]:
-    """The names of the package's modules."""
-    from pkgutil import iter_modules
-
-    return {module.name for module in iter_modules(__path__)}
-
-
 if not TYPE_CHECKING:  # or a type checker would take it for the type of every name, wrong ones too
 
     def __getattr__(name: str) -> object:
         if name in _HOME:
             return getattr(import_module(f".{_HOME[name]}", __name__), name)
-        if not name.startswith("_") and name in _modules():
-            return import_module(f".{name}", __name__)
+        if not name.startswith("_"):
+            try:
+                return import_module(f".{name}", __name__)
+            except ModuleNotFoundError as error:
+                if error.name != f"{__name__}.{name}":  # it is there, and something else is missing
+                    raise
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted({*__all__, *_modules()})
+    from pkgutil import iter_modules
+
+    return sorted({*__all__, *(module.name for module in iter_modules(__path__))})
