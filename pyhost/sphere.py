@@ -17,7 +17,7 @@ from .device import Device
 from .disc import check_resolution, disc_tiles, note_tiles
 from .distribution import range_scale, sine_cosine
 from .envmap import EnvironmentMap, column_angles, row_angles, solid_angles
-from .float_range import LARGEST, light_exponent, to_float32
+from .float_range import LARGEST, light_exponent, scaled, to_float32
 from .progress import Progress
 from .samples import Samples
 
@@ -50,7 +50,7 @@ def shade(
     check_resolution(resolution)
     if len(direction) == 0:
         return np.zeros((resolution, resolution, 3), np.float32)
-    reflected = np.asarray(flux, np.float64) * (albedo / np.pi)
+    reflected = scaled(np.asarray(flux, np.float64), albedo / np.pi)
     exponent = light_exponent(reflected.sum(axis=0).max())
     if exponent:
         reflected = np.ldexp(reflected, -exponent)
@@ -240,8 +240,7 @@ def exact(device: Device, envmap: EnvironmentMap, resolution: int = 511, albedo:
             event.wait()
             progress.update((first + count) / height)
     image = np.add(*buffers.download(device, total), dtype=np.float64)
-    image *= albedo / scale
-    return to_float32(image)
+    return to_float32(scaled(image, albedo / scale, out=image))
 
 
 def _half_arcs(theta: np.ndarray, width: int, resolution: int) -> np.ndarray:
