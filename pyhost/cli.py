@@ -155,7 +155,7 @@ def device_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--device",
         metavar="NAME",
-        help="OpenCL device: PLATFORM[:DEVICE], indices or parts of names"
+        help="OpenCL device: PLATFORM[:DEVICE], indices or parts of any name that is shown"
         " (default: $PYOPENCL_CTX, else the best that works)",
     )
 

@@ -63,7 +63,11 @@ def main() -> None:
     )
     parser.add_argument("--seeds", type=cli.positive_int, default=8, metavar="N", help="seeds for the errors")
     parser.add_argument("--repeats", type=cli.positive_int, default=5, metavar="N", help="runs for the times")
-    parser.add_argument("--quick", action="store_true", help="smaller image, fewer counts, seeds and repeats: a minute")
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="smaller image, fewer counts, seeds and repeats: under half a minute on two cores",
+    )
     parser.add_argument(
         "--roofline",
         action="store_true",

@@ -21,7 +21,9 @@ def main() -> None:
         "scripts/stability.py --quick",
         "out/stability",
     )
-    parser.add_argument("--quick", action="store_true", help="no large case, and fewer draws: half a minute")
+    parser.add_argument(
+        "--quick", action="store_true", help="no large case, and fewer draws: under a minute on two cores"
+    )
     parser.add_argument(
         "--peers", nargs="+", choices=["mitsuba"], default=[], help="other programs to measure too (default: none)"
     )
