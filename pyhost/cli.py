@@ -38,7 +38,6 @@ def run(main: Callable[[], None]) -> NoReturn:
     # this output cannot encode is escaped.
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(line_buffering=True, errors="backslashreplace")
-    os.environ.pop("MPLBACKEND", None)  # Jupyter leaves one behind that matplotlib may not find; plots go to files
     take_back = interrupts.end_after(_clear_up)
     try:
         sys.exit(_status(main))

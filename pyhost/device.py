@@ -95,7 +95,7 @@ def open_device(choice: str | None = None) -> Device:
     if asked:
         matching = [c for c in candidates if _matches(asked, c)]
         if not matching:
-            known = "; ".join(f"{c.platform}:{c.index} {_description(c.handle)}" for c in candidates)
+            known = "; ".join(map(_listed, candidates))
             raise LightdomeError(f"no OpenCL device matches {asked!r}; there is {known or 'none at all'}")
     else:
         matching = candidates
@@ -151,11 +151,18 @@ def _matches(asked: str, candidate: _Candidate) -> bool:
     first, colon, second = asked.partition(":")
     if colon and any(_plain(asked) in _plain(name) for name in (*of_platform, *of_device, whole)):  # a colon of theirs
         return True
+    if " " in asked and _plain(_listed(candidate)).startswith(_plain(asked)):
+        return True
     if not colon:
         return one(asked, candidate.platform, *of_platform) or (
             not asked.isdecimal() and one(asked, candidate.index, *of_device)
         )
     return one(first, candidate.platform, *of_platform) and one(second, candidate.index, *of_device)
+
+
+def _listed(candidate: _Candidate) -> str:
+    """What a list of devices says of one."""
+    return f"{candidate.platform}:{candidate.index} {_description(candidate.handle)}"
 
 
 def _plain(name: str) -> str:

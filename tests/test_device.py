@@ -36,6 +36,8 @@ def test_a_device_is_found_by_every_name_that_is_shown(device: Device, monkeypat
         for second in (*of_device, str(platform.get_devices().index(handle))):
             if ":" not in first:
                 assert open_device(f"{first.lower()}:{second.lower()}").handle == handle
+    listed = f"{cl.get_platforms().index(platform)}:{platform.get_devices().index(handle)} {device.description}"
+    assert open_device(listed).handle == handle
     monkeypatch.setenv("PYOPENCL_CTX", words[-1].upper())
     assert words[-1].lower() in shown(open_device())
 

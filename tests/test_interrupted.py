@@ -22,7 +22,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import LONG, ROOT
+from lightdome.device import Device
 from lightdome.samples import Samples
 
 SCRIPTS = {
@@ -87,6 +88,10 @@ class Run:
             process.wait(after)
         while writing and process.poll() is None and not list((self.folder / "out").rglob(".*")):
             time.sleep(0.0005)
+        self.send(process, number)
+
+    def send(self, process: subprocess.Popen[bytes], number: signal.Signals) -> None:
+        """Send a signal to the whole group, and see the script end by it."""
         sent = time.perf_counter()
         if process.poll() is None:
             os.killpg(process.pid, number)
@@ -192,22 +197,47 @@ def test_a_run_that_is_stopped_leaves_no_half_file(name: str, number: signal.Sig
     stop_at_random(name, number, 2, inputs)
 
 
-@pytest.mark.parametrize(
-    ("name", "number", "moments"),
-    [
-        ("part2_sample", signal.SIGINT, (0, 0.2, 0.5, 0.8, 1.1, 1.4)),
-        ("part3_shade", signal.SIGINT, (0.1, 0.6, 0.9)),
-        ("part4_pbrt", signal.SIGTERM, (0.3, 1.2)),
-        ("stability", signal.SIGINT, (0.4,)),
-        ("report", signal.SIGINT, (0.4,)),
-        ("make_default_map", signal.SIGINT, (0.0, 0.6)),
-        ("get_grace", signal.SIGINT, (0.0,)),
-    ],
-)
-def test_a_signal_is_heard_while_modules_load_and_kernels_are_built(
-    name: str, number: signal.Signals, moments: tuple[float, ...], inputs: Path
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("name", [*SCRIPTS, *OTHERS])
+def test_a_signal_is_heard_while_modules_are_loaded(name: str, number: signal.Signals, tmp_path: Path) -> None:
+    # A module that all scripts load, and that takes long.
+    (tmp_path / "argparse.py").write_text("print('loading', flush=True)\nimport time\ntime.sleep(600)\n")
+    process = subprocess.Popen(
+        [sys.executable, str(ROOT / "scripts" / f"{name}.py")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+    )
+    assert process.stdout.readline() == b"loading\n"
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=LONG)
+    assert process.returncode == 128 + number
+    assert b"Traceback" not in errors
+
+
+def wait_for_a_linker(process: subprocess.Popen[bytes]) -> bool:
+    """Wait until a compiler of the script's runs a program; False if the script has ended before."""
+    while process.poll() is None:
+        for thread in Path(f"/proc/{process.pid}/task").glob("*"):
+            with contextlib.suppress(OSError):
+                if thread.name != str(process.pid) and (thread / "children").read_text():
+                    return True
+        time.sleep(0.001)
+    return False
+
+
+@pytest.mark.parametrize(("name", "number"), [("part2_sample", signal.SIGINT), ("part3_shade", signal.SIGTERM)])
+def test_a_signal_does_not_reach_a_compiler_s_children(
+    device: Device, name: str, number: signal.Signals, inputs: Path, tmp_path: Path
 ) -> None:
-    stop_with_empty_caches(name, number, moments, inputs)
+    if "PoCL" not in device.description:
+        pytest.skip("needs PoCL, which runs a linker")
+    for path in inputs.glob("*.npz"):
+        (tmp_path / path.name).symlink_to(path)
+    run = Run(name, tmp_path)
+    process = run.start()
+    assert wait_for_a_linker(process)
+    run.send(process, number)
 
 
 LONG_CALL = """
