@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import warnings
 from collections.abc import Iterator
 
 from .errors import LightdomeError, one_line, shown
@@ -42,7 +43,8 @@ import matplotlib.style  # noqa: E402
 @contextlib.contextmanager
 def plain(**settings: object) -> Iterator[None]:
     """Matplotlib's own look and ``settings``, whatever the user's are: for a block, or as a decorator."""
-    with matplotlib.style.context(["default", settings]):
+    with matplotlib.style.context(["default", settings]), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph")  # a name in a script that the font has not
         yield
 
 

@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from lightdome.cli import run
 from lightdome.errors import LightdomeError
-from lightdome.files import replacing
+from lightdome.files import replacing, utf8_name
 from lightdome.interrupts import Unheard
 
 if TYPE_CHECKING:
@@ -694,10 +694,11 @@ def write(path: Path, pixels: NDArray[np.float16]) -> None:
     spec.attribute("compression", "zip:9")
     spec.attribute("DateTime", "")  # or the file would change with every run
     with replacing(path) as temporary:
-        output = oiio.ImageOutput.create(str(temporary))
+        name = utf8_name(temporary)
+        output = oiio.ImageOutput.create(name)
         if output is None:
             raise LightdomeError(f"cannot write {path}: the name must end in .exr")
-        written = output.open(str(temporary), spec) and output.write_image(pixels)
+        written = output.open(name, spec) and output.write_image(pixels)
         if not (output.close() and written):
             raise LightdomeError(f"cannot write {path}: {output.geterror() or 'the writer failed'}")
 
@@ -713,6 +714,7 @@ def main() -> None:
     out: Path = parser.parse_args().out
     if out.suffix.lower() != ".exr":
         parser.error(f"argument --out: {out} does not end in .exr")
+    utf8_name(out)
     try:
         with tempfile.NamedTemporaryFile(dir=out.parent):
             pass  # refuse a place that cannot be written before the work, not after it

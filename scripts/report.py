@@ -87,7 +87,7 @@ def make(args: argparse.Namespace) -> None:
     report.require_typst()
     if args.pbrt:
         pbrt.find_pbrt(args.pbrt)  # before work that would be for nothing
-    out = cli.output_folder(args.out)
+    out = cli.output_folder(args.out, images=True)
     envmap = cli.load_map(args)
     device = open_device(args.device)
     print(f"device: {device.description}")

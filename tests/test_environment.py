@@ -54,7 +54,7 @@ def test_a_user_s_settings_of_matplotlib_do_not_change_a_plot(tmp_path: Path) ->
         "from lightdome.benchmark_plot import error_against_time, save\n"
         "from pathlib import Path\n"
         "points = [Measurement('sobol', 'shared', n, 1, 1 / n, 0, 0, 0, n / 1e3, 0, 0) for n in (4, 16)]\n"
-        "save(error_against_time(points, 'a $name$ with \\\\frac, \\udcff'), Path('plot.png'))\n"
+        "save(error_against_time(points, 'a $name$ with \\\\frac, 日, \\udcff'), Path('plot.png'))\n"
     )
     pictures = []
     for settings in (
@@ -121,10 +121,16 @@ def test_a_folder_in_which_the_library_cannot_write_is_refused_before_anything_i
     on_map = ("--map", tmp_path / "map.pfm")
     assert script("part2_sample", *on_map, "--counts", 4, "--samples-only", "--out", tmp_path / ODD).returncode == 0
     samples = tmp_path / ODD / "samples_4.npz"
-    for arguments in (("part2_sample", *on_map), ("part3_shade", samples), ("part4_pbrt", *on_map)):
-        result = script(*arguments, "--out", tmp_path / f"other {ODD}")
-        fails_in_one_line(result, "UTF-8", r"od\udcff")
-        assert not (tmp_path / f"other {ODD}").exists()
+    out = tmp_path / f"other {ODD}"
+    for arguments in (
+        ("part2_sample", *on_map),
+        ("part3_shade", samples),
+        ("part4_pbrt", *on_map),
+        ("report", *on_map),
+    ):
+        fails_in_one_line(script(*arguments, "--out", out), "UTF-8", r"od\udcff")
+        assert not out.exists()
+    fails_in_one_line(script("make_default_map", "--out", tmp_path / f"{ODD}.exr"), "UTF-8", r"od\udcff")
 
 
 def test_names_that_are_no_utf_8_serve_where_no_image_is_written(script: Script, tmp_path: Path) -> None:
