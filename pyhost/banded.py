@@ -21,6 +21,7 @@ from .distribution import (
     Distribution,
     build_marginal_cdf,
     build_row_cdfs,
+    is_guided,
     philox_key,
     range_scale,
     sequence_define,
@@ -144,6 +145,7 @@ def _draw(
     theta = sine_cosine(row_angles(image.height))
     phi = buffers.upload(device, sine_cosine(column_angles(image.width)))
     done = 0
+    guided: list[bool] = []
     with Progress("reading the chosen rows") as progress:
         for rows, pixels in image.read(np.unique(row)):
             # A distribution over these rows alone, each as likely as the others: the second point names one.
@@ -167,10 +169,17 @@ def _draw(
             place = np.searchsorted(rows, sorted_row[first:end])
             points = np.stack([across[index] * 2.0**-32, (place + 0.5) / len(rows)], axis=1)
             samples = distribution.sample_at(points)
+            guided.append(is_guided(len(points), envmap))
             direction[index] = samples.direction
             radiance[index] = samples.radiance
             probability[index] = samples.probability
             pixel[index] = np.stack([samples.pixel[:, 0], rows[samples.pixel[:, 1]]], axis=1)
             done += len(index)
             progress.update(done / count)
+    # Each band has decided for itself.
+    if any(guided):
+        many = f"in {sum(guided)} of {len(guided)} bands of rows samples are many for the band's pixels"
+        device.decisions.use("guide tables", many)
+    else:
+        device.decisions.skip("guide tables", "in no band of rows samples are many for the band's pixels")
     return direction, radiance, probability, pixel

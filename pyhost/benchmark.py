@@ -26,9 +26,9 @@ from .envmap import EnvironmentMap
 from .files import replacing
 from .harmonics import project, shade_harmonics
 from .mediancut import median_cut
-from .render import ESTIMATORS, PIXELS_OF, render
-from .render import SEQUENCES as PIXEL_SEQUENCES
-from .samples import SEQUENCES
+from .names import ESTIMATORS, PIXEL_SEQUENCES, SEQUENCES
+from .names import per_pixel as per_pixel_name
+from .render import PIXELS_OF, render
 from .sphere import exact, shade, shade_samples
 
 ORDERS = (1, 2, 4, 6, 8, 10, 12, 16, 18, 24, 32)  # odd ones past 1 add nothing to irradiance
@@ -82,7 +82,7 @@ class Measurement:
 
 
 def methods(device: Device, envmap: EnvironmentMap, resolution: int) -> dict[str, Method]:
-    """All of lightdome's own methods, by name."""
+    """All of lightdome's own methods, by name: :data:`lightdome.names.METHODS`."""
 
     def shared(sequence: str) -> Run:
         def run(count: int, seed: int) -> np.ndarray:
@@ -110,7 +110,7 @@ def methods(device: Device, envmap: EnvironmentMap, resolution: int) -> dict[str
     result.append(Method("median-cut", "shared", cut, random=False, device=device))
     for estimator in ESTIMATORS:
         for sequence in PIXEL_SEQUENCES:
-            name = estimator if sequence == "independent" else f"{estimator}-{sequence}"
+            name = per_pixel_name(estimator, sequence)
             run = per_pixel(estimator, sequence)
             result.append(Method(name, "per pixel", run, pixels=PIXELS_OF[estimator], device=device))
     run = per_pixel("mis", "sobol", True)

@@ -32,8 +32,9 @@ def upload(device: Device, array: np.ndarray, stage: str = "upload") -> DeviceAr
     array = np.ascontiguousarray(array)
     flags = cl.mem_flags.READ_ONLY
     if device.shares_host_memory:
-        device.omit("copies between host and device", "it works on the host's memory")
+        device.decisions.skip("copies between host and device", "it works on the host's memory")
         return DeviceArray(_buffer(device, flags, array.nbytes, array), array.shape, array.dtype, array)
+    device.decisions.use("copies between host and device", "the device has a memory of its own")
     buffer = _buffer(device, flags, array.nbytes, None)
     device.profile.record(stage, cl.enqueue_copy(device.queue, buffer, array, is_blocking=False))
     return DeviceArray(buffer, array.shape, array.dtype, None)
@@ -82,6 +83,7 @@ def check_room(device: Device, size: int) -> None:
 
 
 def _buffer(device: Device, flags: int, size: int, host: np.ndarray | None) -> cl.Buffer:
+    device.programs.check_process()
     check_room(device, size)
     try:
         if host is None:
@@ -103,6 +105,7 @@ def zeros(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceAr
 
 def download(device: Device, array: DeviceArray, stage: str = "download") -> np.ndarray:
     """The values of ``array`` once all kernels before have run; shared memory is not copied."""
+    device.programs.check_process()
     if array.host is not None:
         mapped, event = cl.enqueue_map_buffer(
             device.queue, array.buffer, cl.map_flags.READ, 0, array.shape, array.dtype

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from . import checks
+from .decisions import Decisions
 
 MAX_RESOLUTION = 16384
 
@@ -39,3 +40,9 @@ def disc_tiles(resolution: int, pixels: int, rows: int) -> np.ndarray:
     band = np.repeat(np.arange(len(y)), count)
     tile = np.arange(len(band)) - np.repeat(np.cumsum(count) - count, count)
     return np.stack([first[band] + pixels * tile, y[band]], axis=1).astype(np.uint32)
+
+
+def note_tiles(decisions: Decisions, tiles: np.ndarray, resolution: int, pixels: int, rows: int) -> None:
+    """Note that tiles of an image were left out, if ``tiles`` are fewer than it takes to cover it."""
+    if len(tiles) < -(-resolution // pixels) * -(-resolution // rows):
+        decisions.skip("tiles outside the disc", "no pixel there shows the sphere")

@@ -151,12 +151,15 @@ class Distribution:
         results = [buffers.empty(device, *kind, array) for kind, array in zip(kinds[-len(out) :], out, strict=True)]
         radiance = self.radiance
         guided: tuple[object, ...] = ()
-        if count >= self.envmap.width * self.envmap.height * SAMPLES_A_PIXEL:
+        if is_guided(count, self.envmap):
+            many = f"{count} samples are many for a map of {self.envmap.width} x {self.envmap.height} pixels"
+            self.device.decisions.use("guide tables", many)
             guided, defines = self.guide.arguments, {"GUIDED": 1, **defines}
             if "PIXELS" in defines:
                 radiance = self.weight
         else:
-            device.omit("guide tables", f"{count} samples are found sooner than tables for the map's pixels are made")
+            few = f"{count} samples are found sooner than tables for the map's pixels are made"
+            device.decisions.skip("guide tables", few)
         block = 1 if device.is_gpu else SAMPLES_A_BLOCK
         kernel = device.kernel("sample", BLOCK=block, **defines)
         blocks, step = -(-count // block), max(1, SAMPLES_A_LAUNCH // block)
@@ -186,6 +189,11 @@ class Distribution:
                     event.wait()
                     progress.update(min(1.0, (begin + step) / blocks))
         return [buffers.download(device, result) for result in results]
+
+
+def is_guided(count: int, envmap: EnvironmentMap) -> bool:
+    """Whether ``count`` samples of a map are so many that guide tables pay for themselves."""
+    return count >= envmap.width * envmap.height * SAMPLES_A_PIXEL
 
 
 def sequence_define(count: int, sequence: str) -> dict[str, int]:
@@ -255,7 +263,10 @@ def build_row_cdfs(
     defines = {}
     if scale == 1 and offset == 0:
         defines["PLAIN"] = 1
-        device.omit("scaling of weights", "their sums stay in float32's range")
+        device.decisions.skip("scaling of weights", "their sums stay in float32's range")
+    else:
+        why = "their sums would leave float32's range" if scale != 1 else "only what is above the mean is drawn"
+        device.decisions.use("scaling of weights", why)
     event = device.kernel("row_cdf", **defines)(
         device.queue,
         (height,),

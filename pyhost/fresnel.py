@@ -67,7 +67,10 @@ def _indices(n_i: ArrayLike, n_t: ArrayLike) -> tuple[Array, Array]:
         _all_in(n, np.isfinite(n) & (n > 0), f"the refractive index {name}", "must be finite and above 0")
     _together(n_i, n_t)
     exponent = np.frexp(np.maximum(n_i, n_t))[1]
-    return np.ldexp(n_i, -exponent), np.ldexp(n_t, -exponent)
+    n_i, n_t = np.ldexp(n_i, -exponent), np.ldexp(n_t, -exponent)
+    if not np.all((n_i > 0) & (n_t > 0)):
+        raise LightdomeError("the refractive indices n_i and n_t are too far apart: their ratio must be above 5e-324")
+    return n_i, n_t
 
 
 def _pair(n_i: float, n_t: float) -> tuple[float, float]:

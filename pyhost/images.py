@@ -25,7 +25,7 @@ import OpenImageIO as oiio
 from . import checks
 from .errors import LightdomeError
 from .exr import open_exr
-from .files import cannot_write, replacing
+from .files import cannot_write, replacing, utf8_name
 from .float_range import LARGEST
 from .image_source import ImageSource
 from .oiio_files import reason
@@ -240,15 +240,16 @@ def write_image(path: str | Path, pixels: np.ndarray) -> None:
         spec.attribute("pnm:pfmflip", 0)
         spec.attribute("pnm:binary", 1)
     with replacing(path) as temporary:
-        if path.suffix.lower() == ".pfm":  # OpenImageIO before 3.2 scrambles those larger than 64 MiB
+        if suffix == ".pfm":  # OpenImageIO before 3.2 scrambles those larger than 64 MiB
             with temporary.open("wb") as stream:
                 stream.write(b"PF\n%d %d\n-1.0000\n" % (width, height))
                 stream.write(np.ascontiguousarray(pixels[::-1], "<f4"))
             return
-        file = oiio.ImageOutput.create(str(temporary))
+        name = utf8_name(temporary)
+        file = oiio.ImageOutput.create(name)
         if file is None:
             raise cannot_write(path, reason(oiio.geterror))
-        done = file.open(str(temporary), spec) and file.write_image(np.ascontiguousarray(pixels))
+        done = file.open(name, spec) and file.write_image(np.ascontiguousarray(pixels))
         done = file.close() and done
         if not done:
             raise cannot_write(path, reason(file.geterror))

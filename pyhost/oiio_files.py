@@ -7,17 +7,13 @@ from pathlib import Path
 
 import OpenImageIO as oiio
 
-from .errors import LightdomeError, one_line
+from .errors import one_line
+from .files import utf8_name
 
 
 def open_input(path: Path) -> oiio.ImageInput | None:
     """A file that is open, or None if OpenImageIO cannot. Raises :class:`LightdomeError` for a name in other bytes."""
-    try:
-        return oiio.ImageInput.open(str(path))
-    except UnicodeEncodeError:
-        raise LightdomeError(
-            f"cannot read {one_line(path)}: its name is not UTF-8, which OpenImageIO needs; rename it"
-        ) from None
+    return oiio.ImageInput.open(utf8_name(path))
 
 
 def reason(geterror: Callable[[], str]) -> str:

@@ -19,6 +19,7 @@ Source: the file formats at https://pbrt.org/fileformat-v3 and https://pbrt.org/
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import os
 import re
@@ -37,6 +38,7 @@ from typing import BinaryIO
 import numpy as np
 
 from . import checks
+from .decisions import Decision
 from .disc import check_resolution, disc_mask
 from .envmap import EnvironmentMap
 from .equiarea import to_equal_area
@@ -193,9 +195,30 @@ def scene_text(
         spp=spp,
         albedo=albedo,
         seed=seed % 2**31,
-        # zsobol is the best, but renders the next lower power of two of samples.
-        sampler="halton" if spp & (spp - 1) else "zsobol",
+        sampler=_sampler(spp),
     )
+
+
+def _sampler(spp: int) -> str:
+    """PBRT-v4's: zsobol is the best, but renders the next lower power of two of samples."""
+    return "halton" if spp & (spp - 1) else "zsobol"
+
+
+def decisions(pbrt: Pbrt, scene: Scene) -> list[Decision]:
+    """What was used for the image of ``scene``, and what was left out, with the reasons."""
+    result = [Decision("OpenCL kernels", False, f"{pbrt} rendered")]
+    if scene.version == 3:
+        result.append(Decision("the sampler halton", True, "PBRT-v3 has no other that keeps to the centres of pixels"))
+    elif _sampler(scene.spp) == "zsobol":
+        result.append(Decision("the sampler zsobol", True, f"{scene.spp} is a power of two"))
+    else:
+        result.append(Decision("the sampler halton", True, f"{scene.spp} is no power of two, as zsobol needs"))
+    if scene.exponent:
+        why = f"its largest value is far from 1; the image is multiplied by 2^{scene.exponent}"
+        result.append(Decision("scaling of the map", True, why))
+    else:
+        result.append(Decision("scaling of the map", False, "its largest value is not far from 1"))
+    return result
 
 
 def write_scenes(
@@ -314,6 +337,7 @@ def _run(command: list[str], timeout: float, progress: Progress | None = None) -
         reader = threading.Thread(target=_collect, args=(process.stdout, output), daemon=True)
         reader.start()
         deadline = time.monotonic() + timeout
+        atexit.register(_kill, process)
         try:
             while True:
                 try:
@@ -326,6 +350,7 @@ def _run(command: list[str], timeout: float, progress: Progress | None = None) -
                         progress.update(_fraction_done(output))
         finally:
             _kill(process)
+            atexit.unregister(_kill)
         # A grandchild that left the session could hold the pipe open for ever.
         reader.join(2.0)
         text = bytes(output).decode("utf-8", "replace")

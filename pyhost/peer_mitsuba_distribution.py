@@ -20,6 +20,7 @@ from .checks import made
 from .disc import disc_mask
 from .envmap import column_angles, row_angles, solid_angles
 from .errors import LightdomeError
+from .interrupts import Unheard
 from .peer_mitsuba import MIN_LLVM, installed
 from .peers import INSTALL
 from .samples import Samples
@@ -41,7 +42,9 @@ class Mitsuba:
     def call(self, function: Any, *arguments: object) -> Any:
         """``function(*arguments)`` in the process; a failure there is one line here."""
         try:
-            return self._pool.submit(function, *arguments).result(TIMEOUT)
+            with Unheard():  # the first call starts the process, and Ctrl-C goes to the whole group
+                answer = self._pool.submit(function, *arguments)
+            return answer.result(TIMEOUT)
         except BrokenProcessPool:
             raise LightdomeError("Mitsuba's process ended; its LLVM may not fit this machine") from None
         except LightdomeError:

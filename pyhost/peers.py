@@ -26,7 +26,7 @@ import numpy as np
 from . import peer_mitsuba, peer_numpy
 from .benchmark import Method
 from .envmap import EnvironmentMap
-from .errors import LightdomeError
+from .errors import LightdomeError, shown
 from .peer_pbrt import PbrtPeer
 
 NAMES = ("numpy", "mitsuba", "pbrt")
@@ -110,7 +110,7 @@ def _find_pbrt(peers: Peers, envmap: EnvironmentMap, resolution: int, path: str 
         return
     name = f"pbrt-v{pbrt.program.version}"
     if name in peers.methods:
-        name = f"{name} {pbrt.program.path}"
+        name = f"{name} {shown(pbrt.program.path)}"
     # Version 3 has no seed: a second run is the first once more.
     peers.methods[name] = _method(name, "per pixel", pbrt.render, resolution, random=pbrt.program.version > 3)
     peers.about[name] = {

@@ -27,12 +27,14 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from . import buffers, checks
-from .disc import check_resolution, disc_tiles
+from .disc import check_resolution, disc_tiles, note_tiles
 from .distribution import Distribution, build_cdfs, philox_key
 from .envmap import row_angles
 from .errors import LightdomeError
-from .float_range import to_float32
+from .float_range import scaled, to_float32
 from .guide import build_guide
+from .names import ESTIMATORS as ESTIMATORS
+from .names import PIXEL_SEQUENCES as SEQUENCES
 from .product import ProductCDFs, build_product_cdfs
 from .progress import Progress
 
@@ -44,7 +46,6 @@ if TYPE_CHECKING:
 SAMPLES_A_LAUNCH = 2**25  # pixels x spp between two updates of the progress line
 PIXELS_A_BLOCK = 128  # that a work-item of a CPU renders side by side
 SAMPLES_A_SUM = 128  # spp that a launch sums in single precision; the sum over launches is in double words
-ESTIMATORS = ("light", "bsdf", "mis", "product")
 # What an estimator takes the map's pixels for, and so which exact image it converges to.
 PIXELS_OF: dict[str, Literal["centres", "areas"]] = {
     "light": "centres",
@@ -52,7 +53,6 @@ PIXELS_OF: dict[str, Literal["centres", "areas"]] = {
     "mis": "areas",
     "product": "centres",
 }
-SEQUENCES = ("independent", "sobol")
 
 
 def render(
@@ -98,23 +98,29 @@ def _images(
     sequence: str,
     mis_compensation: bool,
 ) -> Iterator[tuple[int, np.ndarray]]:
+    device = distribution.device
     if distribution.total == 0:
+        device.decisions.skip("rendering", "the map is black, and so is the image")
         yield from _black(spp, resolution)
         return
 
-    device = distribution.device
-    device.omit("code of other estimators and sequences", f"{estimator} and {sequence} are built alone")
+    device.decisions.skip("code of other estimators and sequences", f"{estimator} and {sequence} are built alone")
     # First, as the largest: what a device has no room for fails at once.
     total = buffers.zeros(device, (2, resolution, resolution, 3), np.float32)
     disc = disc_tiles(resolution, 1, 1)
+    note_tiles(device.decisions, disc, resolution, 1, 1)
     defines = {f"SEQUENCE_{sequence.upper()}": 1}
     if distribution.envmap.is_grey:
-        device.omit("two channels of three", "the map is grey")
+        device.decisions.skip("separate channels", "the map is grey")
         defines["GREY"] = 1
+    else:
+        device.decisions.use("separate channels", "the map is in colour")
     if estimator == "product":
         cdfs = build_product_cdfs(distribution, resolution)
         disc = cdfs.lit(device, disc)
+        device.decisions.skip("guide tables", "tables of light times cosine are searched instead")
         if len(disc) == 0:
+            device.decisions.skip("rendering", "no light of the map falls on what the camera sees")
             yield from _black(spp, resolution)
             return
         launch = _product_launch(distribution, cdfs, disc, defines)
@@ -134,8 +140,7 @@ def _images(
                 progress.update(done / spp[-1])
             # In float64: albedo F / pi can be above float32's range where no radiance is.
             image = np.add(*buffers.download(device, total), dtype=np.float64)
-            image *= albedo / np.pi * flux / target
-            yield target, to_float32(image)
+            yield target, to_float32(scaled(image, albedo / np.pi * float(flux) / target, out=image))
 
 
 def _black(spp: Sequence[int], resolution: int) -> Iterator[tuple[int, np.ndarray]]:
@@ -160,8 +165,9 @@ def _launch(
     flux = 3 * distribution.flux * (total / distribution.total)
     of_light: tuple[object, ...] = ()
     if "ESTIMATOR_BSDF" in defines:
-        device.omit("guide tables", "directions of the cosine need no search")
+        device.decisions.skip("guide tables", "directions of the cosine need no search")
     else:
+        device.decisions.use("guide tables", "every sample of every pixel searches the map")
         guide = guide or distribution.guide
         edge = np.cos(np.pi / envmap.height * np.arange(envmap.height + 1)).astype(np.float32)
         angles = (distribution.theta.buffer, distribution.phi.buffer, buffers.upload(device, edge).buffer)

@@ -18,6 +18,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from . import plotting  # noqa: F401 - first: it imports matplotlib
+
+# isort: split
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 

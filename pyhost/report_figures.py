@@ -10,8 +10,11 @@ from collections.abc import Mapping
 from itertools import cycle
 from pathlib import Path
 
-import matplotlib
 import numpy as np
+
+from . import plotting  # first: it imports matplotlib
+
+# isort: split
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
@@ -31,10 +34,11 @@ SVG = {"svg.hashsalt": "lightdome"}  # without a salt of its own the file would 
 
 def save(figure: Figure, path: Path) -> None:
     """Write the figure as SVG; the same figure gives the same bytes."""
-    with replacing(path) as temporary, matplotlib.rc_context(SVG):
+    with replacing(path) as temporary, plotting.plain(**SVG):
         figure.savefig(temporary, format="svg", dpi=DPI, metadata={"Date": None})
 
 
+@plotting.plain()
 def cdfs(distribution: Distribution) -> Figure:
     """The map beside the CDF over its rows, and the CDF of every row as a picture beside three of them as curves."""
     radiance = distribution.envmap.radiance
@@ -76,6 +80,7 @@ def _unit(cdf: np.ndarray) -> np.ndarray:
     return cdf / np.maximum(cdf[:, -1:], 1).astype(np.float64)
 
 
+@plotting.plain()
 def bias_and_noise(
     shared: tuple[str, np.ndarray],
     per_pixel: tuple[str, np.ndarray],
@@ -137,6 +142,7 @@ def left_after_averaging(image: np.ndarray, exact: np.ndarray, side: int) -> flo
     return float(np.sqrt(((squares(image) - truth) ** 2).mean() / (truth**2).mean()))
 
 
+@plotting.plain()
 def averaging(
     shared: Mapping[str, np.ndarray],
     per_pixel: Mapping[str, np.ndarray],

@@ -15,11 +15,11 @@ from . import __version__, checks
 from .envmap import column_angles, row_angles, solid_angles
 from .errors import LightdomeError, one_line
 from .files import replacing
+from .names import SEQUENCES as SEQUENCES
 
 MAX_SAMPLES = 2**27  # what a file may hold; 44 bytes each
 MAX_INFLATION = 64  # `save` packs nothing; what others packed is far from this, but a bomb is not
 MAX_SIDE = 2**20  # of a map
-SEQUENCES = ("independent", "stratified", "sobol", "r2")
 
 
 @dataclass(frozen=True)

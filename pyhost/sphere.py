@@ -16,10 +16,10 @@ from . import __version__, buffers, checks
 from .buffers import DeviceArray
 from .cache import key_of, remembered
 from .device import Device
-from .disc import check_resolution, disc_tiles
+from .disc import check_resolution, disc_tiles, note_tiles
 from .distribution import range_scale, sine_cosine
 from .envmap import EnvironmentMap, column_angles, row_angles, solid_angles
-from .float_range import LARGEST, light_exponent, to_float32
+from .float_range import LARGEST, light_exponent, scaled, to_float32
 from .horizon import LEAST_SHAPE, area_moments, horizon_tables
 from .progress import Progress
 from .samples import Samples
@@ -73,22 +73,27 @@ def _shade(
     defines = {}
     if (reflected[:, 1:] == reflected[:, :1]).all():
         reflected = reflected[:, :1]
-        device.omit("two channels of three", "the lights are grey")
+        device.decisions.skip("separate channels", "the lights are grey")
         defines["GREY"] = 1
+    else:
+        device.decisions.use("separate channels", "the lights are in colour")
     light = np.concatenate([direction, reflected], axis=1, dtype=np.float32, casting="same_kind")
     # One place decides: a CPU skips pairs of pixel and light tile by tile, a GPU has a pixel a work-item.
     if brute_force or device.is_gpu:
         pixels, rows = device.vector_width, 1
         kernel = device.kernel("shade", PIXELS=pixels, ROWS=rows, **defines)
         lights = (buffers.upload(device, light), np.uint32(len(light)))
+        why = "it was asked for" if brute_force else "a GPU has a pixel a work-item"
+        device.decisions.use("brute force over pairs of pixel and light", why)
     else:
         pixels, rows = LANES, TILE_ROWS
         kernel = device.kernel("shade_tiles", ROWS=rows, **defines)
         lights = _grouped(device, light, defines)
-        device.omit("most pairs of pixel and light", "lights that all of a tile sees are one matrix, others nothing")
+        why = "lights far from a tile's horizon are one matrix, or light nothing there"
+        device.decisions.skip("brute force over pairs of pixel and light", why)
     arguments = tuple(a.buffer if isinstance(a, DeviceArray) else a for a in lights)
     tiles = disc_tiles(resolution, pixels, rows)
-    device.omit("tiles outside the disc", "no pixel there shows the sphere")
+    note_tiles(device.decisions, tiles, resolution, pixels, rows)
     image = buffers.zeros(device, (resolution, resolution, 3), np.float32)
     tile_buffer = buffers.upload(device, tiles)
 
@@ -165,15 +170,18 @@ def shade_samples(device: Device, samples: Samples, resolution: int = 511, albed
     checks.instance("samples", samples, Samples)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
     height, width = samples.map_shape
+    a_light_each, why = "a light for each sample", f"they are fewer than {SAMPLES_A_ROW} a row of the map"
     if len(samples) >= SAMPLES_A_ROW * height:
         index = samples.pixel[:, 1].astype(np.int64) * width + samples.pixel[:, 0]
         flux = np.stack([np.bincount(index, of_channel, height * width) for of_channel in samples.flux.T], axis=1)
         radiance = flux.reshape(height, width, 3) / solid_angles(height, width)[:, None, None]
         if radiance.max() <= LARGEST:
-            device.omit("lights of samples that share a pixel", "they are summed on a map")
+            device.decisions.skip(a_light_each, "samples that share a pixel are summed on a map")
             radiance = radiance.astype(np.float32)
             envmap = checks.made(EnvironmentMap, radiance=radiance, peak=float(radiance.max()), replaced=None, notes=())
             return exact(device, envmap, resolution, albedo)
+        why = "their sums on a map would leave float32's range"
+    device.decisions.use(a_light_each, why)
     return _shade(device, samples.direction, samples.flux, resolution, albedo)
 
 
@@ -236,7 +244,10 @@ def exact(
     line = (width + 1) // 2 + width + 1
     grey = envmap.is_grey
     if grey:
-        device.omit("two channels of three", "the map is grey")
+        device.decisions.skip("separate channels", "the map is grey")
+    else:
+        device.decisions.use("separate channels", "the map is in colour")
+    note_tiles(device.decisions, tiles, resolution, pixels, 1)
     word = 4 if grey else 16  # floats
     band = max(2, min(height, ARCS_ROWS, ARCS_BYTES // (8 * word * line)))
     arcs = buffers.empty(device, (band, line, 2, word), np.float32)
@@ -282,8 +293,7 @@ def exact(
             event.wait()
             progress.update((first + count) / height)
     image = np.add(*buffers.download(device, total), dtype=np.float64)
-    image *= albedo / scale
-    return to_float32(image)
+    return to_float32(scaled(image, albedo / scale, out=image))
 
 
 def _half_arcs(theta: np.ndarray, width: int, resolution: int) -> np.ndarray:

@@ -5,13 +5,23 @@ Standard library only, so that it runs before anything is installed. The file ap
 only when its size and SHA-256 are right; whatever goes wrong, nothing is left behind.
 """
 
+import os
+import signal
+
+if __name__ == "__main__":  # before anything else, for Ctrl-C to be heard while the rest is loaded
+
+    def _end(number: int, frame: object) -> None:
+        os._exit(128 + number)
+
+    for _number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(_number) is not signal.SIG_IGN:
+            signal.signal(_number, _end)
+
 import argparse
 import contextlib
 import errno
 import hashlib
 import http.client
-import os
-import signal
 import ssl
 import sys
 import tempfile
@@ -267,6 +277,8 @@ def main() -> None:
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:  # nohup ignores SIGHUP
             signal.signal(number, _terminated)
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     if hasattr(signal, "SIGALRM"):
         # Looking up a name and reading headers have no bound of their own.
         signal.signal(signal.SIGALRM, _too_late)

@@ -1,19 +1,18 @@
 #!/usr/bin/env python3
 """Part 2: draw light directions from an environment map and show where they fell."""
 
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-import _venv  # noqa: F401 - goes on in .venv if lightdome is not here
+import _start  # noqa: F401 - before anything else: finds .venv, and hears Ctrl-C
 
 # isort: split
+import sys
 from argparse import Namespace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lightdome import cli
 from lightdome.errors import LightdomeError
-from lightdome.samples import SEQUENCES, check_count
+from lightdome.names import SEQUENCES
+from lightdome.samples import check_count
 
 if TYPE_CHECKING:
     from lightdome.device import Device
@@ -58,7 +57,7 @@ def main() -> None:
     args.counts = sorted(set(args.counts))
     check_count(args.counts[-1])
 
-    out = cli.output_folder(args.out)
+    out = cli.output_folder(args.out, images=not args.samples_only)
 
     from lightdome.device import open_device
     from lightdome.images import ImageRows
@@ -106,6 +105,9 @@ def write_samples(args: Namespace, out: Path, image: "ImageRows", device: "Devic
     # The sum of its radiance would take all rows in order, which is not how every file has them.
     of_map = {"width": image.width, "height": image.height, "file_sha256": settings.file_sum(args.map)}
     settings.write(out, settings.settings(device, None, vars(args)) | {"map": of_map}, names)
+    # All counts are drawn in one go.
+    cli.explain(args, f"{', '.join(map(str, args.counts))} samples", device.decisions.take())
+    cli.explain_kernels(args, device)
 
 
 def write_samples_and_pictures(args: Namespace, out: Path, device: "Device") -> None:
@@ -116,6 +118,7 @@ def write_samples_and_pictures(args: Namespace, out: Path, device: "Device") -> 
 
     envmap = cli.load_map(args)
     distribution = build_distribution(device, envmap)
+    cli.explain(args, "the map", device.decisions.take())
     exposure = args.exposure or auto_exposure(envmap.radiance)
     picture = tone_map(envmap.radiance, exposure, args.gamma)
 
@@ -133,9 +136,10 @@ def write_samples_and_pictures(args: Namespace, out: Path, device: "Device") -> 
             write_image(out / f"em_{count}.{suffix}", marked)
         names += [f"samples_{count}.npz", *(f"em_{count}.{suffix}" for suffix in ("pfm", "ppm", "png"))]
         print(f"wrote {out}/samples_{count}.npz and em_{count}.pfm, .ppm, .png")
+        cli.explain(args, f"{count} samples", device.decisions.take())
     settings.write(out, settings.settings(device, envmap, vars(args)), names)
-    print(f"exposure {exposure:.4g}, gamma {args.gamma:g}")
-    cli.explain(args, device)
+    print(cli.tone(args, exposure))
+    cli.explain_kernels(args, device)
 
 
 if __name__ == "__main__":

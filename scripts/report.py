@@ -1,16 +1,15 @@
 #!/usr/bin/env python3
 """The written report as PDF, and a zip of it and all images, from what is there or from fresh runs."""
 
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-import _venv  # noqa: F401 - goes on in .venv if lightdome is not here
+import _start  # noqa: F401 - before anything else: finds .venv, and hears Ctrl-C
 
 # isort: split
 import argparse
+import atexit
 import subprocess
+import sys
 from collections.abc import Mapping
+from pathlib import Path
 
 from lightdome import __version__, cli
 
@@ -56,12 +55,10 @@ def run(script: str, *options: object) -> int:
     """Run a script with its errors and progress on our terminal; its exit status, 1 if it was killed."""
     command = [sys.executable, Path(__file__).with_name(script), *options]
     with subprocess.Popen([str(word) for word in command], stdout=subprocess.DEVNULL) as process:
-        try:
-            status = process.wait()
-            return status if status >= 0 else 1
-        except BaseException:
-            process.terminate()  # politely: it clears up after itself
-            raise
+        atexit.register(process.terminate)  # politely: it clears up after itself
+        status = process.wait()
+        atexit.unregister(process.terminate)
+        return status if status >= 0 else 1
 
 
 def main() -> None:
@@ -88,7 +85,7 @@ def make(args: argparse.Namespace) -> None:
     report.require_typst()
     if args.pbrt:
         pbrt.find_pbrt(args.pbrt)  # before work that would be for nothing
-    out = cli.output_folder(args.out)
+    out = cli.output_folder(args.out, images=True)
     envmap = cli.load_map(args)
     device = open_device(args.device)
     print(f"device: {device.description}")

@@ -12,13 +12,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import ROOT, Script, fails_in_one_line, stiff_radiance
+from conftest import ROOT, Script, stiff_radiance
 from lightdome import benchmark, benchmark_plot, reference
 from lightdome.benchmark import Measurement, Method
 from lightdome.device import Device
 from lightdome.disc import disc_mask
 from lightdome.envmap import EnvironmentMap
 from lightdome.images import write_image
+from lightdome.names import METHODS
 
 R = 21
 
@@ -167,5 +168,28 @@ def test_the_script_end_to_end(
     }
 
 
-def test_an_unknown_method_is_one_line(script: Script, tmp_path: Path) -> None:
-    fails_in_one_line(script("bench", "--methods", "magic", "--out", tmp_path), "magic", "sobol")
+def test_an_unknown_method_is_told_before_anything_is_loaded(script: Script, tmp_path: Path) -> None:
+    (tmp_path / "numpy.py").write_text("raise ImportError('numpy was loaded')")
+    (tmp_path / "pyopencl.py").write_text("raise ImportError('pyopencl was loaded')")
+    result = script("bench", "--methods", "sobol", "magic", "--out", tmp_path / "out", PYTHONPATH=str(tmp_path))
+    assert result.returncode == 2
+    assert "magic" in result.stderr
+    assert all(name in result.stderr for name in METHODS)
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_help_names_every_method(script: Script) -> None:
+    text = "".join(script("bench", "--help").stdout.split())
+    assert ",".join(METHODS) in text
+
+
+def test_the_names_that_can_be_asked_for_are_the_methods_there_are(device: Device) -> None:
+    assert tuple(benchmark.methods(device, EnvironmentMap(np.ones((4, 8, 3))), R)) == METHODS
+
+
+def test_a_pbrt_that_is_named_is_a_peer(script: Script, tmp_path: Path) -> None:
+    write_image(tmp_path / "map.pfm", stiff_radiance(8, 16))
+    options = ("--methods", "r2", "--counts", 4, "--spp", 1, "--resolution", 9, "--seeds", 1, "--repeats", 1)
+    result = script("bench", "--map", tmp_path / "map.pfm", *options, "--pbrt", tmp_path, "--out", tmp_path / "out")
+    assert result.returncode == 0, result.stderr
+    assert f"peer pbrt {tmp_path}: absent (no program pbrt in the folder {tmp_path}" in result.stdout

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -19,6 +20,46 @@ def test_a_device_is_found_by_part_of_its_name(device: Device) -> None:
     name = device.handle.name
     assert open_device(name[:6].upper()).handle.name == name
     assert open_device(f"{device.handle.platform.name}:0").handle.platform == device.handle.platform
+
+
+def test_a_device_is_found_by_every_name_that_is_shown(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    handle, platform = device.handle, device.handle.platform
+    of_platform = (platform.name, platform.vendor, platform.version)
+    of_device = (handle.name, handle.vendor, handle.version, handle.driver_version)
+    words = re.findall(r"[A-Za-z]\w{2,}", device.description)
+    assert len(words) > 2
+    for name in (device.description, *of_platform, *of_device, *words):
+        if not name.isdecimal():
+            assert open_device(name.upper()).handle.platform.name, name
+            assert name.lower() in shown(open_device(name.swapcase())), name
+    for first in (*of_platform, str(cl.get_platforms().index(platform))):
+        for second in (*of_device, str(platform.get_devices().index(handle))):
+            if ":" not in first:
+                assert open_device(f"{first.lower()}:{second.lower()}").handle == handle
+    listed = f"{cl.get_platforms().index(platform)}:{platform.get_devices().index(handle)} {device.description}"
+    assert open_device(listed).handle == handle
+    monkeypatch.setenv("PYOPENCL_CTX", words[-1].upper())
+    assert words[-1].lower() in shown(open_device())
+
+
+def shown(device: Device) -> str:
+    """All that is said of a device, in small letters."""
+    handle, platform = device.handle, device.handle.platform
+    names = (device.description, platform.name, platform.vendor, platform.version)
+    return " ".join((*names, handle.name, handle.vendor, handle.version, handle.driver_version)).lower()
+
+
+@pytest.mark.parametrize("asked", ["pocl", "POCL", "PoCL:0", "pocl:pthread", "Portable:pocl"])
+def test_pocl_is_found_by_the_name_that_all_know_it_by(device: Device, asked: str) -> None:
+    if "PoCL" not in device.description:
+        pytest.skip("needs PoCL")
+    assert "PoCL" in open_device(asked).description
+
+
+@pytest.mark.parametrize("asked", ["9" * 5000, "77", "77:0", "0:77", "²", "pocl:Voodoo"])
+def test_numbers_and_names_of_no_device_are_one_line(asked: str) -> None:
+    with pytest.raises(LightdomeError, match="no OpenCL device matches"):
+        open_device(asked)
 
 
 def test_pyopencl_ctx_is_followed_and_the_argument_goes_first(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:

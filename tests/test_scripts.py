@@ -251,5 +251,5 @@ def test_explain_says_what_was_left_out(script: Script, tmp_path: Path) -> None:
     assert "built 3 of" in sampled.stdout
     assert "left out: guide tables; 4 samples" in sampled.stdout
     shaded = script("part3_shade", tmp_path / "two" / "samples_4.npz", "--explain", "--out", tmp_path / "three")
-    assert "left out: most pairs of pixel and light" in shaded.stdout or "shade (" in shaded.stdout
+    assert "4 samples: left out: brute force over pairs" in shaded.stdout or "shade (" in shaded.stdout
     assert "left out" not in script("part3_shade", tmp_path / "two" / "samples_4.npz", "--out", tmp_path / "x").stdout
