@@ -24,4 +24,4 @@ def exactly(value: float) -> str:
 def one_line(message: object) -> str:
     """What another library says, fit for a :class:`LightdomeError`: its first line, printable and not too long."""
     lines = str(message).strip().splitlines() or ["no reason given"]
-    return shown(lines[0][:200])
+    return shown(lines[0][:200])[:200]

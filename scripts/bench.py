@@ -51,7 +51,7 @@ def main() -> None:
         nargs="+",
         default=[],
         metavar="PATH",
-        help="PBRT programs, or their folders, to measure too; --peers pbrt alone takes the pbrt on PATH",
+        help="PBRT programs, or their folders, to measure too (default: none; --peers pbrt takes that on PATH)",
     )
     parser.add_argument(
         "--spp", type=cli.positive_int, nargs="+", default=[8, 16, 32, 64], metavar="N", help="samples a pixel"
