@@ -13,11 +13,11 @@
 // arcs         from arc_sums.cl, for rows first .. first + rows - 1, with integrals over pixels in place of centres
 // radiance     height x width x 3 floats
 // scale        a power of two that keeps sums inside float's range
-// bounds       resolution x rows: h_0, half the arc that is seen whole, and h_1, half the arc that is seen at all, in
+// bounds       resolution x rows x 4: h_0, half the arc that is seen whole, and h_1, half the arc that is seen at all, in
 //              columns; the pieces a column from h_0 to h_1; and their number m
 // start        resolution x rows: the first of m + 1 polynomials
-// polynomials  m for the pieces, one for a column before h_0: 7 coefficients from the constant up, and 1 / the length of
-//              the piece. They are in t from 0, the piece's dark end, to 1
+// polynomials  8 floats each: m for the pieces, one for a column before h_0; 7 coefficients from the constant up, and 1 /
+//              the length of the piece in columns. They are in t from 0, the piece's dark end, to 1
 // tiles        (x, y) of each group of PIXELS pixels that meets the disc
 // sum          2 x resolution x resolution x 3: high words, then low words of the rows so far; this adds its rows
 //
@@ -63,9 +63,9 @@ static inline void add_column(private colour *cut, global const float *row, int 
 kernel void exact_areas(global const arc *restrict arcs,
                         global const float *restrict radiance,
                         const float scale,
-                        global const float4 *restrict bounds,
+                        global const float *restrict bounds,
                         global const uint *restrict start,
-                        global const float8 *restrict polynomials,
+                        global const float *restrict polynomials,
                         const uint width,
                         const uint first,
                         const uint rows,
@@ -82,7 +82,7 @@ kernel void exact_areas(global const arc *restrict arcs,
     }
     const pixels centre = LOAD_PIXELS(azimuth);
 
-    bounds += (size_t)tile.y * rows;
+    bounds += (size_t)tile.y * rows * 4;
     start += (size_t)tile.y * rows;
     radiance += (size_t)first * width * 3;
     arc matrix[PIXELS];
@@ -95,7 +95,8 @@ kernel void exact_areas(global const arc *restrict arcs,
     for (uint r = 0; r < rows; ++r) {
         global const arc *row = arcs + (r * stride + half_width) * 2;
         global const float *L = radiance + (size_t)r * width * 3;
-        const float h_0 = bounds[r].x, h_1 = bounds[r].y;
+        const float4 of_row = vload4(r, bounds);  // the host's memory need not be aligned to vectors
+        const float h_0 = of_row.x, h_1 = of_row.y;
         if (h_1 <= 0.0f)
             continue;
         if (h_0 >= 0.5f * width) {
@@ -112,24 +113,25 @@ kernel void exact_areas(global const arc *restrict arcs,
                 matrix[k] += row[to[k]] - row[from[k]] + (row[to[k] + 1] - row[from[k] + 1]);
         }
 
-        global const float8 *p = polynomials + start[r];
-        const uint pieces = bounds[r].w, a_column = bounds[r].z;
+        global const float *p = polynomials + (size_t)start[r] * 8;
+        const uint pieces = of_row.w, a_column = of_row.z;
+        const float8 before = vload8(pieces, p);
         const float length = 1.0f / a_column;
         for (int side = -1; side <= 1; side += 2) {  // left, right
             ipixels x = side > 0 ? end : begin - 1;
             pixels u = side > 0 ? CONVERT_PIXELS(end) - centre : centre - CONVERT_PIXELS(begin);
-            pixels left = polynomial(p[pieces], h_0 - fmax(u, (pixels)(0.0f))) * scale;
+            pixels left = polynomial(before, h_0 - fmax(u, (pixels)(0.0f))) * scale;
             // Not sure to see a column whole: the one of the normal's azimuth, from there to u.
             if (h_0 < 1.0f)
-                add_column(cut, L, width, x - side, polynomial(p[pieces], (pixels)(h_0)) * scale - left);
+                add_column(cut, L, width, x - side, polynomial(before, (pixels)(h_0)) * scale - left);
             for (uint next = 0; next < pieces; next += a_column) {
                 u += 1.0f;
                 // The piece that u lies in; the column's last also where rounding puts u beyond it.
                 const uint last = min(next + a_column, pieces) - 1;
-                pixels beyond = polynomial(p[last], fmin(h_0 + (last + 1) * length, h_1) - u) * scale;
+                pixels beyond = polynomial(vload8(last, p), fmin(h_0 + (last + 1) * length, h_1) - u) * scale;
                 for (uint i = last; i-- > next;) {
                     const pixels distance = h_0 + (i + 1) * length - u;
-                    beyond = distance > 0.0f ? polynomial(p[i], distance) * scale : beyond;
+                    beyond = distance > 0.0f ? polynomial(vload8(i, p), distance) * scale : beyond;
                 }
                 add_column(cut, L, width, x, left - beyond);
                 left = beyond;

@@ -214,11 +214,12 @@ def exact(
     - ``centres``: a pixel of the map is the direction of its centre, weighted by its solid angle. Samples, lights,
       harmonics, and the estimators ``light`` and ``product`` converge to it.
     - ``areas``: a pixel of the map is an area of constant radiance, which the horizon may cut. The estimators ``bsdf``
-      and ``mis`` converge to it. Some two to four times the work.
+      and ``mis`` converge to it. About three times the work.
 
-    They differ by a part of the image's maximum that falls as 1 / H, H the map's height: by up to 5 % under one lamp on
-    16 x 8 pixels. Both take time in proportion to R^2 H and to the map's pixels, not to their product. See
-    :func:`shade` for the image. Raises :class:`LightdomeError` as it does, and for other ``pixels``.
+    They differ, in both directions, by a part of the image's maximum that falls as 1 / H, H the map's height: by about
+    5 % under one lamp on 16 x 8 pixels. Time is in proportion to R^2 H, with ``areas`` to R^2 (H + W), and to the map's
+    pixels, not to their product with R^2. See :func:`shade` for the image. Raises :class:`LightdomeError` for a
+    resolution outside 1 to 16384, and for other ``pixels``.
     Kernels: ``arc_sums.cl`` with ``exact.cl`` or ``exact_areas.cl``.
     """
     checks.instance("the device", device, Device)
