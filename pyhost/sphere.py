@@ -248,7 +248,7 @@ def exact(
         device.decisions.skip("separate channels", "the map is grey")
     else:
         device.decisions.use("separate channels", "the map is in colour")
-    note_tiles(device.decisions, tiles, resolution, pixels, 1)
+    note_tiles(device.decisions, tiles, resolution, lanes, 1)
     word = 4 if grey else 16  # floats
     band = max(2, min(height, ARCS_ROWS, ARCS_BYTES // (8 * word * line)))
     arcs = buffers.empty(device, (band, line, 2, word), np.float32)
