@@ -19,14 +19,6 @@ def light_exponent(total: float) -> int:
     return 0 if -60 <= exponent <= 120 else exponent
 
 
-def scaled(values: np.ndarray, factor: float, out: np.ndarray | None = None) -> np.ndarray:
-    """``values``, float64, x ``factor``; where that is enormous it stops at 1e300, for no infinity or NaN to arise."""
-    if factor < 1e200:
-        return np.multiply(values, factor, out=out)
-    with np.errstate(over="ignore"):
-        return np.clip(values * min(factor, 1e300), -1e300, 1e300)
-
-
 def to_float32(image: np.ndarray, exponent: int = 0) -> np.ndarray:
     """``image`` x 2^exponent in float32; what lies beyond its largest number becomes that number."""
     if exponent:

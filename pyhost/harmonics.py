@@ -25,7 +25,7 @@ from .disc import check_resolution, disc_tiles
 from .distribution import range_scale
 from .envmap import EnvironmentMap, row_angles, solid_angles
 from .errors import LightdomeError
-from .float_range import light_exponent, scaled, to_float32
+from .float_range import light_exponent, to_float32
 
 MAX_ORDER = 64  # float32 holds p_lm / sin^m(theta) up to about 90
 TERMS_A_LAUNCH = 2**33  # pixels x coefficients, a second or so
@@ -143,7 +143,7 @@ def shade_harmonics(device: Device, harmonics: Harmonics, resolution: int = 511,
             imaginary = filtered[n * n + n - m] if m > 0 else np.zeros(3)
             terms.append([a[n, m], b[n, m], *filtered[n * n + n + m], *imaginary])
     table = np.array(terms)
-    table[:, 2:] = scaled(table[:, 2:], albedo / np.pi)
+    table[:, 2:] *= albedo / np.pi
     pixels = device.vector_width
     tiles = disc_tiles(resolution, pixels, 1)
     tile_buffer = buffers.upload(device, tiles)

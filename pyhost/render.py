@@ -31,7 +31,7 @@ from .disc import check_resolution, disc_tiles, note_tiles
 from .distribution import Distribution, build_cdfs, philox_key
 from .envmap import row_angles
 from .errors import LightdomeError
-from .float_range import scaled, to_float32
+from .float_range import to_float32
 from .guide import build_guide
 from .names import ESTIMATORS as ESTIMATORS
 from .names import PIXEL_SEQUENCES as SEQUENCES
@@ -140,7 +140,8 @@ def _images(
                 progress.update(done / spp[-1])
             # In float64: albedo F / pi can be above float32's range where no radiance is.
             image = np.add(*buffers.download(device, total), dtype=np.float64)
-            yield target, to_float32(scaled(image, albedo / np.pi * float(flux) / target, out=image))
+            image *= albedo / np.pi * flux / target
+            yield target, to_float32(image)
 
 
 def _black(spp: Sequence[int], resolution: int) -> Iterator[tuple[int, np.ndarray]]:

@@ -19,7 +19,7 @@ from .device import Device
 from .disc import check_resolution, disc_tiles, note_tiles
 from .distribution import range_scale, sine_cosine
 from .envmap import EnvironmentMap, column_angles, row_angles, solid_angles
-from .float_range import LARGEST, light_exponent, scaled, to_float32
+from .float_range import LARGEST, light_exponent, to_float32
 from .horizon import LEAST_SHAPE, area_moments, horizon_tables
 from .progress import Progress
 from .samples import Samples
@@ -294,7 +294,8 @@ def exact(
             event.wait()
             progress.update((first + count) / height)
     image = np.add(*buffers.download(device, total), dtype=np.float64)
-    return to_float32(scaled(image, albedo / scale, out=image))
+    image *= albedo / scale
+    return to_float32(image)
 
 
 def _half_arcs(theta: np.ndarray, width: int, resolution: int) -> np.ndarray:

@@ -35,8 +35,7 @@ from pathlib import Path
 from typing import BinaryIO, NoReturn
 
 if sys.version_info < (3, 10):  # noqa: UP036 - an older one may well run this
-    sys.path.insert(0, str(Path(__file__).resolve().parent))
-    import _venv  # noqa: F401 - goes on with the Python of .venv
+    import _start  # noqa: F401 - goes on with the Python of .venv
 
 URL = "https://raw.githubusercontent.com/mmp/pbrt-v2/master/scenes/textures/grace_latlong.exr"
 SIZE = 1_726_329

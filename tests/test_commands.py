@@ -140,7 +140,7 @@ def test_no_extreme_of_albedo_leaks_a_warning(device: Device) -> None:
     envmap = EnvironmentMap(stiff_radiance(8, 16))
     distribution = build_distribution(device, envmap)
     samples = distribution.sample(20)
-    for albedo in (0, *EXTREMES):
+    for albedo in (0, 5e-324, 1e-308, 3e38):
         images = [shade_samples(device, samples, 9, albedo), exact(device, envmap, 9, albedo)]
         images += [image for _, image in render(distribution, [2], 9, albedo)]
         for image in images:

@@ -90,6 +90,7 @@ def test_a_python_that_is_too_old_goes_on_in_venv(clone: Path, name: str) -> Non
     program = (
         "import runpy, sys\n"
         "sys.version_info = (3, 6, 15, 'final', 0)\n"
+        f"sys.path[0] = {str(clone / 'scripts')!r}\n"
         f"runpy.run_path({str(clone / 'scripts' / name)!r}, run_name='__main__')\n"
     )
     assert run(sys.executable, "-c", program).stdout.startswith("of .venv\n")
