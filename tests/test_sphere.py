@@ -11,6 +11,7 @@ from lightdome.disc import disc_mask, disc_tiles
 from lightdome.distribution import build_distribution
 from lightdome.envmap import EnvironmentMap
 from lightdome.errors import LightdomeError
+from lightdome.horizon import horizon_tables
 from lightdome.sphere import PIXELS, SAMPLES_A_ROW, exact, shade, shade_samples
 
 RESOLUTIONS = [1, 2, 3, 10, 63, 64, 101]
@@ -129,6 +130,28 @@ def test_areas_under_a_sun_of_one_pixel(device: Device) -> None:
     for y, x in (edge.T, rest.T):
         expected = reference.exact_areas(radiance, reference.normals(511)[y, x], nodes=8)
         assert np.abs(areas[y, x] - expected).max() < 1e-6 * areas.max()
+
+
+@pytest.mark.parametrize("resolution", [511, 8192, 16384])
+def test_what_the_row_at_the_pole_sends_to_normals_near_the_equator(resolution: int) -> None:
+    # The horizon turns along a meridian within a part of a column there, which takes more pieces than columns.
+    height, width = 64, 512
+    bounds, start, polynomials = horizon_tables(resolution, height, width, 0, 1)
+    x, weight = np.polynomial.legendre.leggauss(20)
+    for row in (resolution // 2 - 1, resolution // 2 - 4):
+        n_y = (resolution - 2 * row - 1) / resolution
+        s, edge = np.sqrt(1 - n_y**2), np.pi / height
+        begin = np.arccos(-n_y / (s * np.tan(edge))) - np.pi / 2
+        ends = np.geomspace(begin, np.pi / 2, 60)  # azimuth from the meridian's turn on
+        u = (ends[1:] + ends[:-1])[:, None] / 2 + (ends[1:] - ends[:-1])[:, None] / 2 * x + np.pi / 2
+        horizon = np.arctan2(n_y, -s * np.cos(u))
+        theta = horizon[..., None] * (1 + x) / 2
+        seen = (s * np.cos(u)[..., None] * np.sin(theta) + n_y * np.cos(theta)) * np.sin(theta)
+        through = (seen * weight).sum(axis=-1) * horizon / 2
+        expected = ((through * weight).sum(axis=1) * (ends[1:] - ends[:-1]) / 2).sum() / np.pi
+        found = polynomials[start[row, 0] + int(bounds[row, 0, 3]), 0]
+        pixel = 2 / width * edge * np.sin(edge / 2)
+        assert abs(found - expected) < 1e-6 * pixel
 
 
 def test_even_light_on_areas_gives_the_maps_colour(device: Device) -> None:
