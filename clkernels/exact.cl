@@ -66,12 +66,7 @@ kernel void exact(global const arc *restrict arcs,
         const float3 n = pixel_normal(x, tile.y, resolution);
         if (x >= resolution || n.z <= 0.0f)
             continue;
-        const arc m = matrix[k] + whole;
-#ifdef GREY
-        const float3 rgb = n.x * m.x + n.y * m.y + n.z * m.z;
-#else
-        const float3 rgb = n.x * m.s012 + n.y * m.s456 + n.z * m.s89a;
-#endif
+        const float3 rgb = light_of(n, matrix[k] + whole);
         const size_t at = (size_t)tile.y * resolution + x, at_low = at + (size_t)resolution * resolution;
         float3 hi = vload3(at, sum), lo = vload3(at_low, sum);
         DOUBLE_WORD_ADD(float3, hi, lo, rgb);

@@ -16,7 +16,7 @@
 //
 // `light` looks at centres of pixels, as sample.cl does. The cosine's directions fall anywhere in a pixel,
 // so `bsdf` and `mis` take the radiance for constant over a pixel, and `mis` places the light's samples
-// evenly over its solid angle: this integral is the sum over centres less about (pi / height)^2 / 8 of it.
+// evenly over its solid angle: theirs is the integral over areas (exact_areas.cl), that of `light` the sum over centres.
 //
 // edge   cos(theta) at the height + 1 borders of rows
 // disc   pixels inside the disc, pixel_count of them

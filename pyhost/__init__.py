@@ -20,11 +20,71 @@ chance, :mod:`.lights` writes light sets for other programs, :mod:`.fresnel` sta
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING
 
 __version__ = "0.1.0"
+TYPE_CHECKING = False  # as typing has it, which takes long to load
 
 if TYPE_CHECKING:
+    from . import (  # noqa: F401
+        banded,
+        benchmark,
+        benchmark_plot,
+        buffers,
+        cache,
+        checks,
+        cli,
+        decisions,
+        device,
+        disc,
+        distribution,
+        envmap,
+        equiarea,
+        errors,
+        exr,
+        exr_layers,
+        files,
+        float_range,
+        fresnel,
+        fresnel_plot,
+        guide,
+        harmonics,
+        horizon,
+        image_source,
+        images,
+        interrupts,
+        lights,
+        markers,
+        mediancut,
+        names,
+        oiio_files,
+        pbrt,
+        peer_mitsuba,
+        peer_mitsuba_distribution,
+        peer_numpy,
+        peer_pbrt,
+        peers,
+        pfm,
+        plotting,
+        probe,
+        product,
+        profile,
+        programs,
+        progress,
+        radiance_hdr,
+        reference,
+        render,
+        report,
+        report_figures,
+        roofline,
+        roofline_plot,
+        roofline_stages,
+        samples,
+        settings,
+        sphere,
+        stability,
+        stability_cases,
+        stability_plot,
+    )
     from .banded import sample_file
     from .device import Device, open_device
     from .distribution import Distribution, build_distribution
@@ -37,7 +97,7 @@ if TYPE_CHECKING:
     from .samples import Samples
     from .sphere import exact, shade, shade_samples
 
-# Loaded when first used: Fresnel needs no OpenCL, shading no image library.
+# Loaded when first used, as every module is: Fresnel needs no OpenCL, shading no image library.
 _HOME = {
     "Device": "device",
     "open_device": "device",
@@ -92,11 +152,21 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> object:
-    if name not in _HOME:
+if not TYPE_CHECKING:  # or a type checker would take it for the type of every name, wrong ones too
+
+    def __getattr__(name: str) -> object:
+        if name in _HOME:
+            return getattr(import_module(f".{_HOME[name]}", __name__), name)
+        if not name.startswith("_"):
+            try:
+                return import_module(f".{name}", __name__)
+            except ModuleNotFoundError as error:
+                if error.name != f"{__name__}.{name}":  # it is there, and something else is missing
+                    raise
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f".{_HOME[name]}", __name__), name)
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    from pkgutil import iter_modules
+
+    return sorted({*__all__, *(module.name for module in iter_modules(__path__))})

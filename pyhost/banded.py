@@ -8,24 +8,26 @@ Kernels: those of :mod:`.distribution`, and ``choose_rows.cl``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from . import buffers
+from . import __version__, buffers, checks
 from .buffers import DeviceArray
 from .device import Device
 from .distribution import (
     BLACK,
+    MAX_COUNT,
     Distribution,
     build_marginal_cdf,
     build_row_cdfs,
+    is_guided,
     philox_key,
     range_scale,
     sequence_define,
     sine_cosine,
 )
-from .envmap import EnvironmentMap, Inspection, column_angles, row_angles
+from .envmap import EnvironmentMap, Inspection, Replaced, column_angles, row_angles
 from .errors import LightdomeError
 from .images import ImageRows
 from .progress import Progress
@@ -41,39 +43,59 @@ def sample_file(
     seed: int = 0,
     sequence: str = "independent",
     *,
-    sanitize: bool = False,
+    sanitize: bool | str = False,
+    report: Callable[[Replaced], None] | None = None,
 ) -> list[Samples]:
     """One set of samples of the map in a file for each of ``counts``, as ``Distribution.sample`` draws them.
 
     The file is read twice in all: whole, then those rows in which a sample lies. A map that leaves the range of
     2^-60 to 2^60 at its peak is read whole twice.
 
-    Raises :class:`LightdomeError` where the file cannot be read, holds bad pixels that ``sanitize`` does not
-    replace by black, or is black; and for what ``Distribution.sample`` refuses.
+    ``sanitize`` is that of :meth:`lightdome.EnvironmentMap.read`; ``report`` is called with what was replaced, if
+    anything was. Raises :class:`LightdomeError` where the file cannot be read, holds bad pixels that are not to be
+    replaced, or is black; and for what ``Distribution.sample`` refuses.
     """
+    checks.instance("the device", device, Device)
+    checks.instance("the image", image, ImageRows)
+    counts = checks.wholes("counts", counts, 0, MAX_COUNT)
     defines = [sequence_define(count, sequence) for count in counts]
+    buffers.check_room(device, 12 * sum(counts))  # as where the map is in memory
     key = philox_key(seed)
-    row_sums, inspection = _row_sums(device, image, 1.0)
-    if not sanitize:
-        inspection.refuse_bad_pixels(str(image.path))
+    inspection = Inspection(sanitize, image.largest)
+    row_sums = _row_sums(device, image, 1.0, inspection)
+    inspection.refuse_bad_pixels(str(image.path))
     scale = range_scale(inspection.peak)
     if scale != 1:
-        row_sums, _ = _row_sums(device, image, scale)
+        row_sums = _row_sums(device, image, scale, Inspection(sanitize, image.largest))
     marginal_cdf, total = build_marginal_cdf(device, buffers.upload(device, row_sums))
     if total == 0:
         raise LightdomeError(BLACK)
+    if report and (replaced := inspection.replaced(image.height, total / scale)):
+        report(replaced)
     chosen = [_choose_rows(device, marginal_cdf, *pair, key) for pair in zip(counts, defines, strict=True)]
     row, across = (np.concatenate(parts) for parts in zip(*chosen, strict=True))
-    drawn = _draw(device, image, row, across, scale, total)
+    drawn = _draw(device, image, Inspection(sanitize, image.largest), row, across, scale, total)
     shape = (image.height, image.width)
     sets = (np.split(array, np.cumsum(counts)[:-1]) for array in drawn)
-    return [Samples(*arrays, map_shape=shape, sequence=sequence, seed=seed) for arrays in zip(*sets, strict=True)]
+    return [
+        checks.made(
+            Samples,
+            direction=direction,
+            radiance=radiance,
+            probability=probability,
+            pixel=pixel,
+            map_shape=shape,
+            sequence=sequence,
+            seed=seed,
+            version=__version__,
+        )
+        for direction, radiance, probability, pixel in zip(*sets, strict=True)
+    ]
 
 
-def _row_sums(device: Device, image: ImageRows, scale: float) -> tuple[np.ndarray, Inspection]:
-    """The sum of every row of a file, (H, 2) double words, and what its values are."""
+def _row_sums(device: Device, image: ImageRows, scale: float, inspection: Inspection) -> np.ndarray:
+    """The sum of every row of a file, (H, 2) double words; ``inspection`` sees its values."""
     sums = np.empty((image.height, 2), np.float32)
-    inspection = Inspection()
     done = 0
     with Progress("reading the map") as progress:
         for rows, radiance in image.read(np.arange(image.height)):
@@ -82,7 +104,7 @@ def _row_sums(device: Device, image: ImageRows, scale: float) -> tuple[np.ndarra
             sums[rows] = buffers.download(device, built[1])
             done += len(rows)
             progress.update(done / image.height)
-    return sums, inspection
+    return sums
 
 
 def _choose_rows(
@@ -106,7 +128,13 @@ def _choose_rows(
 
 
 def _draw(
-    device: Device, image: ImageRows, row: np.ndarray, across: np.ndarray, scale: float, total: float
+    device: Device,
+    image: ImageRows,
+    inspection: Inspection,
+    row: np.ndarray,
+    across: np.ndarray,
+    scale: float,
+    total: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Direction, radiance, probability and pixel of samples in known rows."""
     count = len(row)
@@ -117,10 +145,12 @@ def _draw(
     theta = sine_cosine(row_angles(image.height))
     phi = buffers.upload(device, sine_cosine(column_angles(image.width)))
     done = 0
+    guided: list[bool] = []
     with Progress("reading the chosen rows") as progress:
         for rows, pixels in image.read(np.unique(row)):
             # A distribution over these rows alone, each as likely as the others: the second point names one.
-            envmap = EnvironmentMap(pixels, sanitize=True)
+            mended = inspection.mended(pixels)
+            envmap = checks.made(EnvironmentMap, radiance=mended, peak=inspection.peak, replaced=None, notes=())
             band = buffers.upload(device, envmap.radiance)
             built = build_row_cdfs(device, band, scale)
             distribution = Distribution(
@@ -139,10 +169,17 @@ def _draw(
             place = np.searchsorted(rows, sorted_row[first:end])
             points = np.stack([across[index] * 2.0**-32, (place + 0.5) / len(rows)], axis=1)
             samples = distribution.sample_at(points)
+            guided.append(is_guided(len(points), envmap))
             direction[index] = samples.direction
             radiance[index] = samples.radiance
             probability[index] = samples.probability
             pixel[index] = np.stack([samples.pixel[:, 0], rows[samples.pixel[:, 1]]], axis=1)
             done += len(index)
             progress.update(done / count)
+    # Each band has decided for itself.
+    if any(guided):
+        many = f"in {sum(guided)} of {len(guided)} bands of rows samples are many for the band's pixels"
+        device.decisions.use("guide tables", many)
+    else:
+        device.decisions.skip("guide tables", "in no band of rows samples are many for the band's pixels")
     return direction, radiance, probability, pixel

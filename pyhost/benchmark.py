@@ -1,4 +1,4 @@
-"""Error against run time: every method, at every count, against the exact image, in one run.
+"""Error against run time: every method, at every count, against its own exact image, in one run.
 
 A method's time is the wall time from the map in the host's memory to the image in the host's memory: the
 median of repeats after a warm-up. Programs are built before, and their time is kept apart. Its error is
@@ -13,7 +13,9 @@ import statistics
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
+from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -24,9 +26,9 @@ from .envmap import EnvironmentMap
 from .files import replacing
 from .harmonics import project, shade_harmonics
 from .mediancut import median_cut
-from .render import ESTIMATORS, render
-from .render import SEQUENCES as PIXEL_SEQUENCES
-from .samples import SEQUENCES
+from .names import ESTIMATORS, PIXEL_SEQUENCES, SEQUENCES
+from .names import per_pixel as per_pixel_name
+from .render import PIXELS_OF, render
 from .sphere import exact, shade, shade_samples
 
 ORDERS = (1, 2, 4, 6, 8, 10, 12, 16, 18, 24, 32)  # odd ones past 1 add nothing to irradiance
@@ -41,6 +43,7 @@ class Method:
     ``kind`` says what a count means: ``shared`` samples or lights for all pixels, ``per pixel``
     samples, or the ``order`` of an analytic method. A method that is not ``random`` needs one seed only,
     one with ``counts`` of its own is measured at those.
+    ``pixels`` says which exact image it converges to, see :func:`lightdome.exact`.
     ``device`` is where its stages are timed. A ``peer`` is another program, see :mod:`lightdome.peers`; its
     ``clock`` says how long the stages of its last run took, which together are its time.
     """
@@ -50,6 +53,7 @@ class Method:
     run: Run
     random: bool = True
     counts: tuple[int, ...] | None = None
+    pixels: Literal["centres", "areas"] = "centres"
     device: Device | None = None
     peer: bool = False
     clock: Callable[[], dict[str, float]] | None = None
@@ -70,6 +74,7 @@ class Measurement:
     wall_seconds: float
     wall_spread: float  # half the distance of the quartiles
     first_seconds: float  # the first run, with the build of its programs
+    pixels: str = "centres"  # of the map, in the exact image that the errors are against
     peer: bool = False
     stages: dict[str, float] = field(
         default_factory=dict
@@ -77,7 +82,7 @@ class Measurement:
 
 
 def methods(device: Device, envmap: EnvironmentMap, resolution: int) -> dict[str, Method]:
-    """All of lightdome's own methods, by name."""
+    """All of lightdome's own methods, by name: :data:`lightdome.names.METHODS`."""
 
     def shared(sequence: str) -> Run:
         def run(count: int, seed: int) -> np.ndarray:
@@ -105,25 +110,45 @@ def methods(device: Device, envmap: EnvironmentMap, resolution: int) -> dict[str
     result.append(Method("median-cut", "shared", cut, random=False, device=device))
     for estimator in ESTIMATORS:
         for sequence in PIXEL_SEQUENCES:
-            name = estimator if sequence == "independent" else f"{estimator}-{sequence}"
-            result.append(Method(name, "per pixel", per_pixel(estimator, sequence), device=device))
-    result.append(Method("mis-compensated-sobol", "per pixel", per_pixel("mis", "sobol", True), device=device))
+            name = per_pixel_name(estimator, sequence)
+            run = per_pixel(estimator, sequence)
+            result.append(Method(name, "per pixel", run, pixels=PIXELS_OF[estimator], device=device))
+    run = per_pixel("mis", "sobol", True)
+    result.append(Method("mis-compensated-sobol", "per pixel", run, pixels=PIXELS_OF["mis"], device=device))
     result.append(Method("harmonics", "order", harmonics, random=False, counts=ORDERS, device=device))
-    result.append(
-        Method("exact", "order", lambda _, __: exact(device, envmap, resolution), False, counts=(1,), device=device)
-    )
+    for name, pixels in (("exact", "centres"), ("exact-areas", "areas")):
+        run = partial(_exact, device, envmap, resolution, pixels)
+        result.append(Method(name, "order", run, random=False, counts=(1,), pixels=pixels, device=device))
     return {method.name: method for method in result}
 
 
+def _exact(
+    device: Device, envmap: EnvironmentMap, resolution: int, pixels: Literal["centres", "areas"], count: int, seed: int
+) -> np.ndarray:
+    return exact(device, envmap, resolution, pixels=pixels)
+
+
 def measure(method: Method, count: int, seeds: int, repeats: int, reference: np.ndarray) -> Measurement:
-    """Run ``method`` at ``count`` over ``seeds`` for its error and ``repeats`` times for its time."""
+    """Run ``method`` at ``count`` over ``seeds`` for its error and ``repeats`` times for its time.
+
+    ``reference`` is the exact image that it converges to, the one of ``method.pixels``.
+    """
     mask = disc_mask(len(reference))
     truth = reference[mask].astype(np.float64)
     scale = np.sqrt((truth**2).mean())
 
+    errors, largest, means = [], [], []
+
+    def judge(image: np.ndarray) -> None:  # and forget it: many seeds need no more memory than one
+        difference = image[mask] - truth
+        errors.append(float(np.sqrt((difference**2).mean()) / scale))
+        largest.append(np.abs(difference).max())
+        means.append(difference.mean())
+
     start = time.perf_counter()
-    images = [method.run(count, 0)]
+    image = method.run(count, 0)
     first = time.perf_counter() - start
+    judge(image)
 
     walls, stages = [], []
     for _ in range(repeats):
@@ -137,21 +162,21 @@ def measure(method: Method, count: int, seeds: int, repeats: int, reference: np.
         stages.append(timed)
     median = statistics.median_low(walls)
 
-    images += [method.run(count, seed) for seed in range(1, seeds if method.random else 1)]
-    differences = [image[mask] - truth for image in images]
-    errors = [float(np.sqrt((d**2).mean()) / scale) for d in differences]
+    for seed in range(1, seeds if method.random else 1):
+        judge(method.run(count, seed))
     return Measurement(
         method=method.name,
         kind=method.kind,
         count=count,
-        seeds=len(images),
+        seeds=len(errors),
         rmse=statistics.fmean(errors),
         rmse_spread=statistics.stdev(errors) if len(errors) > 1 else 0.0,
-        largest_error=float(np.mean([np.abs(d).max() for d in differences]) / truth.max()),
-        bias=float(np.mean([d.mean() for d in differences]) / truth.mean()),
+        largest_error=float(np.mean(largest) / truth.max()),
+        bias=float(np.mean(means) / truth.mean()),
         wall_seconds=median,
         wall_spread=float(np.subtract(*np.percentile(walls, [75, 25])) / 2),
         first_seconds=first,
+        pixels=method.pixels,
         peer=method.peer,
         stages=stages[walls.index(median)],
     )

@@ -6,6 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+
+from . import plotting  # first: it imports matplotlib
+
+# isort: split
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
@@ -25,6 +29,7 @@ READ_OUT = {"family": "monospace", "size": 7}
 DASHES = {"shared": "-", "per pixel": "--", "order": ":", "peer": "-."}
 
 
+@plotting.plain()
 def save(figure: Figure, path: Path) -> None:
     """Write the figure; the file appears when it is complete."""
     with replacing(path) as temporary:
@@ -50,7 +55,7 @@ def _style(index: int, point: Measurement) -> dict[str, object]:
 def _axes(title: str) -> tuple[Figure, Axes]:
     figure = Figure(figsize=(11, 6), layout="constrained")
     axes = figure.add_subplot()
-    axes.set_title(title, loc="left")
+    axes.set_title(plotting.text(title), loc="left")
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.grid(True, which="both", alpha=0.25)
@@ -65,13 +70,19 @@ def _label_decades(axes: Axes) -> None:
         axis.set_minor_formatter(NullFormatter())
 
 
+@plotting.plain()
 def error_against_time(points: Sequence[Measurement], title: str) -> Figure:
     """Log-log, a line a method, the Pareto front drawn, with read-outs at equal error and equal time."""
     exact = [p for p in points if p.rmse < ROUNDING]
     points = [p for p in points if p.rmse >= ROUNDING]
     figure, axes = _axes(title)
     for i, (name, line) in enumerate(_by_method(points).items()):
-        axes.plot([1e3 * m.wall_seconds for m in line], [100 * m.rmse for m in line], label=name, **_style(i, line[0]))
+        axes.plot(
+            [1e3 * m.wall_seconds for m in line],
+            [100 * m.rmse for m in line],
+            label=plotting.text(name),
+            **_style(i, line[0]),
+        )
         for m in line:
             axes.annotate(
                 str(m.count),
@@ -117,6 +128,7 @@ def _read_outs(points: Sequence[Measurement]) -> str:
     return "\n".join(lines)
 
 
+@plotting.plain()
 def error_against_count(points: Sequence[Measurement], title: str) -> Figure:
     """Log-log, a line a method with its spread over the seeds, the fitted slope in the legend."""
     figure, axes = _axes(title)
@@ -127,7 +139,7 @@ def error_against_count(points: Sequence[Measurement], title: str) -> Figure:
             [m.count for m in line],
             [100 * m.rmse for m in line],
             yerr=[100 * min(m.rmse_spread, 0.9 * m.rmse) for m in line],
-            label=f"{name}, slope {exponent:.2f}",
+            label=plotting.text(f"{name}, slope {exponent:.2f}"),
             capsize=2,
             **_style(i, line[0]),
         )
@@ -139,13 +151,14 @@ def error_against_count(points: Sequence[Measurement], title: str) -> Figure:
     return figure
 
 
+@plotting.plain()
 def stages(points: Sequence[Measurement], title: str) -> Figure:
     """A bar a run: time of each stage stacked, and what the host adds up to the wall time."""
     points = [p for p in points if p.stages]
     names = list(dict.fromkeys(stage for p in points for stage in p.stages))
     figure = Figure(figsize=(9, 0.8 + 0.22 * max(len(points), 6)), layout="constrained")
     axes = figure.add_subplot()
-    axes.set_title(title, loc="left")
+    axes.set_title(plotting.text(title), loc="left")
     y = np.arange(len(points))
     left = np.zeros(len(points))
     hatches = ["", "//", "..", "xx", "\\\\", "--", "++", "oo"]
@@ -156,7 +169,8 @@ def stages(points: Sequence[Measurement], title: str) -> Figure:
         )
         left += width
     axes.barh(y, np.maximum(1 - left, 0), left=left, label="host", color="0.9", edgecolor="0.6")
-    axes.set_yticks(y, [f"{p.method} {p.count} ({1e3 * p.wall_seconds:.1f} ms)" for p in points], fontsize=7)
+    labels = [plotting.text(f"{p.method} {p.count} ({1e3 * p.wall_seconds:.1f} ms)") for p in points]
+    axes.set_yticks(y, labels, fontsize=7)
     axes.invert_yaxis()
     axes.set_xlabel("share of the wall time")
     axes.set_xlim(0, max(1.0, left.max(initial=1.0)))
@@ -164,8 +178,14 @@ def stages(points: Sequence[Measurement], title: str) -> Figure:
     return figure
 
 
-def images(named: Mapping[str, np.ndarray], exact: np.ndarray, title: str) -> Figure:
-    """Every method's image over its error in false colour, beside the exact image; one scale for all errors."""
+@plotting.plain()
+def images(
+    named: Mapping[str, np.ndarray], exact: np.ndarray, title: str, exact_of: Mapping[str, np.ndarray] | None = None
+) -> Figure:
+    """Every method's image over its error in false colour, beside the exact image; one scale for all errors.
+
+    Errors are against ``exact``, or by an image's name against another one in ``exact_of``.
+    """
     exposure = auto_exposure(exact)
     mask = disc_mask(len(exact))
     peak = exact.max()
@@ -173,7 +193,7 @@ def images(named: Mapping[str, np.ndarray], exact: np.ndarray, title: str) -> Fi
     columns = min(len(named) + 1, 6)
     bands = -(-(len(named) + 1) // columns)
     figure = Figure(figsize=(2.1 * columns, 4.5 * bands + 0.7), layout="compressed")
-    figure.suptitle(title, x=0.01, ha="left")
+    figure.suptitle(plotting.text(title), x=0.01, ha="left")
     grid = figure.subplots(2 * bands, columns, squeeze=False)
     for axes in grid.flat:
         axes.axis("off")
@@ -184,12 +204,13 @@ def images(named: Mapping[str, np.ndarray], exact: np.ndarray, title: str) -> Fi
         picture = tone_map(image, exposure)
         picture[~mask] = 255
         top.imshow(picture)
-        top.set_title(name, fontsize=9)
+        top.set_title(plotting.text(name), fontsize=9)
         if i == 0:
             continue
-        error = np.abs(image - exact).max(axis=2) / peak
+        own = (exact_of or {}).get(name, exact)
+        error = np.abs(image - own).max(axis=2) / peak
         bottom.imshow(np.where(mask, np.maximum(error, 1e-4), np.nan), norm=norm, cmap="magma")
-        truth = exact[mask].astype(np.float64)  # squares may leave float32's range
+        truth = own[mask].astype(np.float64)  # squares may leave float32's range
         rmse = np.sqrt(((image[mask] - truth) ** 2).mean() / (truth**2).mean())
         bottom.set_title(f"{100 * rmse:.2f} %", fontsize=8)
         error_axes.append(bottom)

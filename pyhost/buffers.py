@@ -32,8 +32,9 @@ def upload(device: Device, array: np.ndarray, stage: str = "upload") -> DeviceAr
     array = np.ascontiguousarray(array)
     flags = cl.mem_flags.READ_ONLY
     if device.shares_host_memory:
-        device.omit("copies between host and device", "it works on the host's memory")
+        device.decisions.skip("copies between host and device", "it works on the host's memory")
         return DeviceArray(_buffer(device, flags, array.nbytes, array), array.shape, array.dtype, array)
+    device.decisions.use("copies between host and device", "the device has a memory of its own")
     buffer = _buffer(device, flags, array.nbytes, None)
     device.profile.record(stage, cl.enqueue_copy(device.queue, buffer, array, is_blocking=False))
     return DeviceArray(buffer, array.shape, array.dtype, None)
@@ -47,7 +48,7 @@ def empty(device: Device, shape: int | tuple[int, ...], dtype: type, out: np.nda
     shape = (shape,) if isinstance(shape, int) else shape
     kind = np.dtype(dtype)
     size = math.prod(shape) * kind.itemsize
-    _check_room(device, size)
+    check_room(device, size)
     if out is not None and not (out.shape == shape and out.dtype == kind and out.flags.carray and _is_aligned(out)):
         raise LightdomeError(f"out is not what an earlier call returned, arrays of shape {shape} and type {kind}")
     host = None
@@ -71,7 +72,8 @@ def _is_aligned(array: np.ndarray) -> bool:
 # No index overflows before a buffer is refused here, or by the host. Kernels count columns, rows and lights in 32 bits:
 # 2^32 of them are 48 GiB of map or 96 GiB of lights; samples are fewer than 2^31. Products of counts, as y * width + x
 # or 3 i, are in size_t, but for an image's, in 32 bits: at the largest resolution, 16384, 2 i + 1 is below 2^29.
-def _check_room(device: Device, size: int) -> None:
+def check_room(device: Device, size: int) -> None:
+    """Raise :class:`LightdomeError` if the device can have no array of ``size`` bytes."""
     room = device.handle.max_mem_alloc_size
     if size > room:
         raise LightdomeError(
@@ -81,7 +83,8 @@ def _check_room(device: Device, size: int) -> None:
 
 
 def _buffer(device: Device, flags: int, size: int, host: np.ndarray | None) -> cl.Buffer:
-    _check_room(device, size)
+    device.programs.check_process()
+    check_room(device, size)
     try:
         if host is None:
             return cl.Buffer(device.context, flags, size)
@@ -102,6 +105,7 @@ def zeros(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceAr
 
 def download(device: Device, array: DeviceArray, stage: str = "download") -> np.ndarray:
     """The values of ``array`` once all kernels before have run; shared memory is not copied."""
+    device.programs.check_process()
     if array.host is not None:
         mapped, event = cl.enqueue_map_buffer(
             device.queue, array.buffer, cl.map_flags.READ, 0, array.shape, array.dtype

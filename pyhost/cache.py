@@ -10,6 +10,7 @@ import atexit
 import contextlib
 import hashlib
 import os
+import pwd
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -24,8 +25,17 @@ ROOM = 64 << 20  # bytes; PoCL compiles through files in its cache, and ends the
 
 
 def _base() -> Path:
-    base = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 - no home: no error
-    return Path(base)
+    """``$XDG_CACHE_HOME``, else ``.cache`` in the user's home; without one, below the null device: nothing is kept."""
+    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    if given.is_absolute():  # others are to be ignored, by the specification of that variable
+        return given
+    home = Path(os.environ.get("HOME", ""))
+    if not home.is_absolute():
+        try:
+            home = Path(pwd.getpwuid(os.getuid()).pw_dir)
+        except KeyError:  # a user whom nobody entered, as in a container
+            home = Path(os.devnull)
+    return home / ".cache"
 
 
 def cache_folder(kind: str) -> Path:
@@ -34,25 +44,40 @@ def cache_folder(kind: str) -> Path:
 
 
 def ensure_room() -> None:
-    """Where the folder for caches cannot be written or is full, use a temporary one until the process ends.
+    """Set in this process's environment what OpenCL implementations cannot do without, where it is not sound.
 
-    It becomes this process's ``XDG_CACHE_HOME``, for OpenCL implementations, which cannot do without, to find.
+    That is a ``PATH`` with a linker, and a folder for caches: where that cannot be written or is full, a temporary one
+    until the process ends. Where ``HOME`` does not lead to it, as under cron, ``XDG_CACHE_HOME`` does.
     Raises :class:`LightdomeError` where there is no room for a temporary folder either.
     """
-    if _has_room(_base()):
-        return
-    if not _has_room(Path(tempfile.gettempdir())):
-        raise LightdomeError(
-            f"there is no room to compile kernels in {_base()}; set XDG_CACHE_HOME to a folder with {ROOM >> 20} MiB"
-        )
-    temporary = tempfile.TemporaryDirectory(prefix="lightdome-", ignore_cleanup_errors=True)
-    atexit.register(temporary.cleanup)
-    os.environ["XDG_CACHE_HOME"] = temporary.name
+    if shutil.which("ld", path=os.environ.get("PATH", "")) is None:  # PoCL runs it for each kernel
+        os.environ["PATH"] = os.pathsep.join(filter(None, (os.environ.get("PATH"), os.defpath)))
+    of_pocl = os.environ.get("POCL_CACHE_DIR")
+    if of_pocl == "" or (of_pocl and not _has_room(of_pocl)):
+        del os.environ["POCL_CACHE_DIR"]
+    base = _base()
+    if not _has_room(base):
+        try:
+            elsewhere = tempfile.gettempdir()
+        except OSError:  # there is none
+            elsewhere = os.devnull
+        if not _has_room(elsewhere):
+            raise LightdomeError(
+                f"there is no room to compile kernels in {base}; set XDG_CACHE_HOME to a folder with {ROOM >> 20} MiB"
+            )
+        temporary = tempfile.TemporaryDirectory(prefix="lightdome-", ignore_cleanup_errors=True)
+        atexit.register(temporary.cleanup)
+        base = Path(temporary.name)
+    if "XDG_CACHE_HOME" in os.environ or base != Path(os.environ.get("HOME", ""), ".cache"):
+        os.environ["XDG_CACHE_HOME"] = str(base)
 
 
-def _has_room(folder: Path) -> bool:
+def _has_room(folder: str | Path) -> bool:
     try:
-        existing = next(f for f in (folder, *folder.absolute().parents) if f.exists())
+        folder = Path(folder).absolute()
+        existing = next(f for f in (folder, *folder.parents) if f.exists())
+        if os.statvfs(existing).f_flag & getattr(os, "ST_NOEXEC", 0):  # PoCL loads kernels from there
+            return False
         return existing.is_dir() and os.access(existing, os.W_OK) and shutil.disk_usage(existing).free >= ROOM
     except OSError:
         return False

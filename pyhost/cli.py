@@ -8,50 +8,68 @@ itself exits with 2 on a wrong command line. Defects of lightdome keep their tra
 from __future__ import annotations
 
 import argparse
+import atexit
 import errno
+import io
 import math
 import os
-import signal
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from .errors import LightdomeError, one_line
+from . import interrupts
+from .errors import LightdomeError, exactly, one_line, shown
+from .files import abandon, utf8_name
 
 if TYPE_CHECKING:
+    from .decisions import Decision
     from .device import Device
     from .envmap import EnvironmentMap
 
 
 def run(main: Callable[[], None]) -> NoReturn:
-    """Run ``main`` and exit: 0 on success, 1 with one line on a user's mistake, 130 on Ctrl-C."""
-    name = Path(sys.argv[0]).stem
-    # A polite kill unwinds like Ctrl-C, so that no temporary file stays behind.
-    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    """Run ``main`` and exit: 0 on success, 1 with one line on a user's mistake, 130 on Ctrl-C, 143 on SIGTERM."""
     for stream in ("stdout", "stderr"):
         if getattr(sys, stream) is None:  # closed by who started us
             setattr(sys, stream, open(os.devnull, "w"))  # noqa: PTH123, SIM115 - until we exit
+    # Line by line, or messages would change their order where both streams go to one pipe; and a file's name that
+    # this output cannot encode is escaped.
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(line_buffering=True, errors="backslashreplace")
+    take_back = interrupts.end_after(_clear_up)
+    try:
+        sys.exit(_status(main))
+    finally:
+        take_back()
+
+
+def _clear_up() -> None:
+    """Leave nothing behind on the way out that runs no ``finally``: half files, processes, temporary folders."""
+    if processes := sys.modules.get("multiprocessing"):
+        for process in processes.active_children():
+            process.kill()
+    abandon()
+    atexit._run_exitfuncs()
+
+
+def _status(main: Callable[[], None]) -> int:
     try:
         main()
         sys.stdout.flush()
-    except KeyboardInterrupt:
-        print(f"\n{name}: interrupted", file=sys.stderr)
-        sys.exit(130)
     except BrokenPipeError:
         # The reader of our output went away (`| head`): stop quietly, also at interpreter exit.
         _flush_or_drop()
-        sys.exit(1)
+        return 1
     except Exception as error:
         message = str(error) if isinstance(error, LightdomeError) else _shortage(error)
         if message is None:
             raise
-        line = "".join(c if c.isprintable() else "?" for c in message)  # file names may hold anything
-        print(f"{name}: {line}", file=sys.stderr)
+        print(f"{Path(sys.argv[0]).stem}: {shown(message)}", file=sys.stderr)
         _flush_or_drop()
-        sys.exit(1)
-    sys.exit(0)
+        return 1
+    return 0
 
 
 def _shortage(error: Exception) -> str | None:
@@ -105,7 +123,7 @@ def parser(description: str, example: str, out: str) -> argparse.ArgumentParser:
 
 
 def map_options(parser: argparse.ArgumentParser) -> None:
-    """Add ``--map`` and ``--sanitize``, for :func:`load_map`.
+    """Add ``--map``, ``--layer``, ``--sanitize`` and ``--flip``, for :func:`load_map`.
 
     The default is Grace if it is in ``data/`` beside ``scripts/``, else the map that ships.
     """
@@ -118,16 +136,30 @@ def map_options(parser: argparse.ArgumentParser) -> None:
         default=grace if grace.exists() else data / "default.exr",
         help="latitude-longitude environment map: .exr, .hdr or .pfm",
     )
-    parser.add_argument("--sanitize", action="store_true", help="replace NaN, infinite and negative pixels by black")
+    parser.add_argument(
+        "--layer",
+        metavar="NAME",
+        help="layer or part of an .exr file that is the map (default: R, G, B or Y, else the only one that can be it)",
+    )
+    parser.add_argument(
+        "--sanitize",
+        nargs="?",
+        choices=["black", "clamp"],
+        const="black",
+        help="replace NaN, infinite and negative pixels by black; with clamp, infinite ones by the largest finite value"
+        " of the file's format (default: refuse the map)",
+    )
+    parser.add_argument("--flip", action="store_true", help="take the rows in reverse, for a file written upside down")
 
 
 def load_map(args: argparse.Namespace) -> EnvironmentMap:
-    """The map that the options of :func:`map_options` name; a remark on its shape goes to standard error."""
+    """The map that the options of :func:`map_options` name; remarks on it go to standard error."""
     from .envmap import EnvironmentMap  # only here: a script without a map needs no image library
 
-    envmap = EnvironmentMap.read(args.map, sanitize=args.sanitize)
-    if envmap.shape_note:
-        print(envmap.shape_note, file=sys.stderr)
+    envmap = EnvironmentMap.read(args.map, sanitize=args.sanitize, layer=args.layer, flip=args.flip)
+    for note in (*envmap.notes, envmap.shape_note, envmap.replaced and envmap.replaced.note):
+        if note:
+            print(note, file=sys.stderr)
     return envmap
 
 
@@ -136,24 +168,30 @@ def device_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--device",
         metavar="NAME",
-        help="OpenCL device: PLATFORM[:DEVICE], indices or parts of names"
+        help="OpenCL device: PLATFORM[:DEVICE], indices or parts of any name that is shown"
         " (default: $PYOPENCL_CTX, else the best that works)",
     )
 
 
 def explain_option(parser: argparse.ArgumentParser) -> None:
-    """Add ``--explain``, for :func:`explain`."""
-    parser.add_argument("--explain", action="store_true", help="say what was left out because nothing here needs it")
+    """Add ``--explain``, for :func:`explain` and :func:`explain_kernels`."""
+    parser.add_argument(
+        "--explain", action="store_true", help="say of each result what was used for it, what was left out, and why"
+    )
 
 
-def explain(args: argparse.Namespace, device: Device) -> None:
-    """Print what was left out and why, and the kernels that were built, if ``--explain`` asks for it."""
-    if not args.explain:
-        return
-    built, there = device.programs.built, device.programs.available
-    print(f"built {len(built)} of {there} kernels: {', '.join(built) or 'none'}")
-    for what, why in device.omitted.items():
-        print(f"left out: {what}; {why}")
+def explain(args: argparse.Namespace, result: str, decisions: Iterable[Decision]) -> None:
+    """Print the ``decisions`` on a ``result``, if ``--explain`` asks for it."""
+    if args.explain:
+        for decision in decisions:
+            print(f"{result}: {decision}")
+
+
+def explain_kernels(args: argparse.Namespace, device: Device) -> None:
+    """Print which kernels were built, if ``--explain`` asks for it."""
+    if args.explain:
+        built, there = device.programs.built, device.programs.available
+        print(f"built {len(built)} of {there} kernels: {', '.join(built) or 'none'}")
 
 
 def sphere_options(parser: argparse.ArgumentParser) -> None:
@@ -170,7 +208,7 @@ def sphere_options(parser: argparse.ArgumentParser) -> None:
         type=non_negative_float,
         default=1.0,
         metavar="RHO",
-        help="share of the light that the sphere reflects, 0 black to 1 white",
+        help="share of the light that the sphere reflects, 0 black to 1 white; above 1 for experiments",
     )
 
 
@@ -186,11 +224,13 @@ def tone_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def output_folder(path: Path) -> Path:
-    """Create the folder ``path`` and make sure that files can be written there.
+def output_folder(path: Path, images: bool = False) -> Path:
+    """Create the folder ``path`` and make sure that files can be written there, and with ``images`` those too.
 
     Raises :class:`LightdomeError` where they cannot.
     """
+    if images:
+        utf8_name(path)
     try:
         path.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path):  # has no name that a kill could leave behind
@@ -207,7 +247,7 @@ def _number(convert: type, text: str, accept: Callable[[float], bool], wanted: s
         value = convert(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not {wanted}") from None
-    if not (math.isfinite(value) and accept(value)):
+    if not (accept(value) and value < math.inf):
         raise argparse.ArgumentTypeError(f"{text} is not {wanted}")
     return value
 
@@ -215,6 +255,11 @@ def _number(convert: type, text: str, accept: Callable[[float], bool], wanted: s
 def positive_int(text: str) -> int:
     """Argument type: a whole number, 1 to 2^31 - 1."""
     return int(_number(int, text, lambda v: 1 <= v < 2**31, "a whole number from 1 to 2147483647"))
+
+
+def times(text: str) -> int:
+    """Argument type: how often something is done again, 1 to 1000: more would look as if it never ended."""
+    return int(_number(int, text, lambda v: 1 <= v <= 1000, "a whole number from 1 to 1000"))
 
 
 def seed(text: str) -> int:
@@ -230,6 +275,12 @@ def positive_float(text: str) -> float:
 def non_negative_float(text: str) -> float:
     """Argument type: a finite number, 0 or above."""
     return float(_number(float, text, lambda v: v >= 0, "a finite number, 0 or above"))
+
+
+def tone(args: argparse.Namespace, exposure: float) -> str:
+    """The line that says how bright the pictures are: what was given to its last digit."""
+    used = exactly(exposure) if args.exposure else f"{exposure:.4g}"
+    return f"exposure {used}, gamma {exactly(args.gamma)}"
 
 
 def exposure(text: str) -> float | None:

@@ -14,14 +14,16 @@ import re
 import subprocess
 import sys
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
 from .cache import cache_folder, ensure_room, key_of
+from .checks import told
+from .decisions import Decisions
 from .errors import LightdomeError
+from .interrupts import Unheard
 from .profile import Profile
-from .programs import Programs
+from .programs import Kernel, Programs, check_process
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # pyopencl tells of optional packages that lightdome never uses
@@ -44,7 +46,7 @@ class Device:
     queue: cl.CommandQueue
     programs: Programs
     profile: Profile = field(default_factory=Profile)
-    omitted: dict[str, str] = field(default_factory=dict)
+    decisions: Decisions = field(default_factory=Decisions)
 
     @property
     def description(self) -> str:
@@ -73,11 +75,7 @@ class Device:
         """
         return None if self.is_gpu else (1,) * dimensions
 
-    def omit(self, what: str, why: str) -> None:
-        """Note that something was left out because this scene does not need it; ``--explain`` prints the notes."""
-        self.omitted[what] = why
-
-    def kernel(self, name: str, **defines: int) -> cl.Kernel:
+    def kernel(self, name: str, **defines: int) -> Kernel:
         """The kernel ``name`` of the source file ``clkernels/name.cl``, built once per set of ``defines``."""
         return self.programs.kernel(name, **defines)
 
@@ -85,18 +83,22 @@ class Device:
 def open_device(choice: str | None = None) -> Device:
     """Open the device that ``choice`` names, or the best one that works.
 
-    ``choice`` is ``PLATFORM[:DEVICE]``, each an index or a part of the name in any case, or a part
-    of a device's name; None takes ``PYOPENCL_CTX`` from the environment, else the best device.
+    ``choice`` is ``PLATFORM[:DEVICE]``, each an index or a part of a name in any case, or a part of what
+    :attr:`Device.description` shows; names are those of the platform, the device, their vendors and versions. None
+    takes ``PYOPENCL_CTX`` from the environment, else the best device.
 
-    Raises :class:`LightdomeError` if nothing matches or what matches does not work.
+    Raises :class:`LightdomeError` if nothing matches or what matches does not work, and in a process that was
+    forked from one that had looked for devices.
     """
+    if not (choice is None or isinstance(choice, str)):
+        raise LightdomeError(f"a device is named by a text as '0:0' or 'pocl', not by {told(choice)}")
     ensure_room()
     asked = choice or os.environ.get("PYOPENCL_CTX")
-    candidates = list(_candidates())
+    candidates = _candidates()
     if asked:
         matching = [c for c in candidates if _matches(asked, c)]
         if not matching:
-            known = "; ".join(f"{c.platform}:{c.index} {_description(c.handle)}" for c in candidates)
+            known = "; ".join(map(_listed, candidates))
             raise LightdomeError(f"no OpenCL device matches {asked!r}; there is {known or 'none at all'}")
     else:
         matching = candidates
@@ -117,29 +119,57 @@ class _Candidate:
     handle: cl.Device
 
 
-def _candidates() -> Iterator[_Candidate]:
-    try:
-        platforms = cl.get_platforms()
-    except cl.Error:  # the loader's way to say that there are none
-        return
-    for p, platform in enumerate(platforms):
+# The process that first looked for devices: OpenCL's threads are its own, and a forked copy would wait for them.
+_first_process: list[int] = []
+
+
+def _candidates() -> list[_Candidate]:
+    check_process(*_first_process or [os.getpid()])
+    _first_process[:] = [os.getpid()]
+    result = []
+    with Unheard():  # PoCL starts threads here; a linker that they start must not be interrupted, or PoCL aborts
         try:
-            devices = platform.get_devices()
-        except cl.Error:
-            continue
-        for d, handle in enumerate(devices):
-            yield _Candidate(p, d, handle)
+            platforms = cl.get_platforms()
+        except cl.Error:  # the loader's way to say that there are none
+            return []
+        for p, platform in enumerate(platforms):
+            with contextlib.suppress(cl.Error):
+                result += [_Candidate(p, d, handle) for d, handle in enumerate(platform.get_devices())]
+    return result
 
 
 def _matches(asked: str, candidate: _Candidate) -> bool:
-    def one(part: str, index: int, name: str) -> bool:
-        return int(part) == index if part.isdecimal() else part.strip().lower() in name.lower()
+    """Whether ``asked`` is in what is shown of a device, as a whole or as ``PLATFORM:DEVICE``."""
+    device = candidate.handle
+    platform = device.platform
+    whole = _description(device)
 
-    platform, colon, device = asked.partition(":")
-    on_platform = one(platform, candidate.platform, candidate.handle.platform.name)
-    if colon:
-        return on_platform and one(device, candidate.index, candidate.handle.name)
-    return on_platform or (not asked.isdecimal() and one(asked, candidate.index, candidate.handle.name))
+    def one(part: str, index: int, *names: str) -> bool:
+        if part.isascii() and part.isdecimal():
+            return part.lstrip("0") == str(index).lstrip("0")
+        return any(_plain(part) in _plain(name) for name in (*names, whole))
+
+    of_platform = (platform.name, platform.vendor, platform.version)
+    of_device = (device.name, device.vendor, device.version, device.driver_version)
+    first, colon, second = asked.partition(":")
+    if colon and any(_plain(asked) in _plain(name) for name in (*of_platform, *of_device, whole)):  # a colon of theirs
+        return True
+    if " " in asked and _plain(_listed(candidate)).startswith(_plain(asked)):
+        return True
+    if not colon:
+        return one(asked, candidate.platform, *of_platform) or (
+            not asked.isdecimal() and one(asked, candidate.index, *of_device)
+        )
+    return one(first, candidate.platform, *of_platform) and one(second, candidate.index, *of_device)
+
+
+def _listed(candidate: _Candidate) -> str:
+    """What a list of devices says of one."""
+    return f"{candidate.platform}:{candidate.index} {_description(candidate.handle)}"
+
+
+def _plain(name: str) -> str:
+    return " ".join(name.casefold().split())
 
 
 def _preference(candidate: _Candidate) -> tuple[int, int, float]:
@@ -186,6 +216,7 @@ def _description(handle: cl.Device) -> str:
 
 
 def _open(handle: cl.Device) -> Device:
-    context = cl.Context([handle])
-    queue = cl.CommandQueue(context, properties=cl.command_queue_properties.PROFILING_ENABLE)
+    with Unheard():  # as above, for implementations that start their threads here
+        context = cl.Context([handle])
+        queue = cl.CommandQueue(context, properties=cl.command_queue_properties.PROFILING_ENABLE)
     return Device(handle, context, queue, Programs(context))

@@ -8,19 +8,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from .errors import LightdomeError
+from . import checks
+from .decisions import Decisions
 
 MAX_RESOLUTION = 16384
 
 
-def check_resolution(resolution: int) -> None:
-    """Raise :class:`LightdomeError` for a resolution that no image can have."""
-    if not 1 <= resolution <= MAX_RESOLUTION:
-        raise LightdomeError(f"the resolution is from 1 to {MAX_RESOLUTION}, not {resolution}")
+def check_resolution(resolution: int) -> int:
+    """The resolution of an image; raises :class:`LightdomeError` for one that no image can have."""
+    return checks.whole("the resolution", resolution, 1, MAX_RESOLUTION)
 
 
 def disc_mask(resolution: int) -> np.ndarray:
     """Which pixels lie inside the projected sphere: (R, R) bool."""
+    resolution = check_resolution(resolution)
     a = 2 * np.arange(resolution, dtype=np.int64) + 1 - resolution
     return a**2 + a[:, None] ** 2 < resolution**2
 
@@ -39,3 +40,9 @@ def disc_tiles(resolution: int, pixels: int, rows: int) -> np.ndarray:
     band = np.repeat(np.arange(len(y)), count)
     tile = np.arange(len(band)) - np.repeat(np.cumsum(count) - count, count)
     return np.stack([first[band] + pixels * tile, y[band]], axis=1).astype(np.uint32)
+
+
+def note_tiles(decisions: Decisions, tiles: np.ndarray, resolution: int, pixels: int, rows: int) -> None:
+    """Note that tiles of an image were left out, if ``tiles`` are fewer than it takes to cover it."""
+    if len(tiles) < -(-resolution // pixels) * -(-resolution // rows):
+        decisions.skip("tiles outside the disc", "no pixel there shows the sphere")

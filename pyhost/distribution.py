@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 import pyopencl as cl
 
-from . import __version__, buffers
+from . import __version__, buffers, checks
 from .buffers import DeviceArray
 from .device import Device
 from .envmap import EnvironmentMap, column_angles, row_angles, solid_angles
@@ -24,6 +24,7 @@ from .guide import Guide, build_guide
 from .progress import Progress
 from .samples import SEQUENCES, Samples
 
+MAX_COUNT = 2**31 - 1
 SAMPLES_A_LAUNCH = 2**22  # between two updates of the progress line
 SAMPLES_A_BLOCK = 256  # that a work-item of a CPU draws side by side
 SAMPLES_A_PIXEL = 1 / 8  # of the map, from which on a guide pays for itself
@@ -61,7 +62,7 @@ class Distribution:
         in cells of equal area for any count, ``sobol`` with Owen's scramble, or the lattice ``r2``. The
         first n of more samples are the samples of n, except for ``stratified``.
 
-        Raises :class:`LightdomeError` if the map is black or ``count`` is not positive.
+        Raises :class:`LightdomeError` if the map is black, or for a count, a seed or a sequence that there is not.
         """
         return self._sample(count, philox_key(seed), sequence_define(count, sequence), sequence, seed)
 
@@ -77,6 +78,8 @@ class Distribution:
         ``out`` is what an earlier call returned, to be written over: new memory costs as much as the random numbers.
         Raises :class:`LightdomeError` as :meth:`sample` does, and for ``out`` of other shapes or types.
         """
+        if out is not None and not (isinstance(out, tuple) and [type(a) for a in out] == [np.ndarray] * 2):
+            raise LightdomeError(f"out is not what an earlier call returned, two arrays, but {checks.told(out)}")
         defines = {"PIXELS": 1, **sequence_define(count, sequence)}
         pixel, probability = self._draw(count, philox_key(seed), defines, out or (None, None))
         return pixel, probability
@@ -86,9 +89,9 @@ class Distribution:
 
         Points are used to 32 bits. Raises :class:`LightdomeError` for points outside [0, 1).
         """
-        points = np.asarray(points, dtype=np.float64)
-        if points.ndim != 2 or points.shape[1] != 2 or len(points) == 0:
-            raise LightdomeError(f"points have shape (N, 2), not {points.shape}")
+        points = checks.array("points", points, ("N", 2), np.float64)
+        if len(points) == 0:
+            raise LightdomeError("points have shape (N, 2), with one or more, not (0, 2)")
         if not ((points >= 0) & (points < 1)).all():
             raise LightdomeError("points lie in [0, 1)")
         bits = np.floor(points * 2.0**32).astype(np.uint32)
@@ -121,7 +124,8 @@ class Distribution:
         self, count: int, points: np.ndarray | cl.Buffer, defines: dict[str, int], sequence: str, seed: int
     ) -> Samples:
         direction, radiance, pixel, probability = self._draw(count, points, defines, (None,) * 4)
-        return Samples(
+        return checks.made(
+            Samples,
             direction=direction,
             radiance=radiance,
             probability=probability,
@@ -147,12 +151,15 @@ class Distribution:
         results = [buffers.empty(device, *kind, array) for kind, array in zip(kinds[-len(out) :], out, strict=True)]
         radiance = self.radiance
         guided: tuple[object, ...] = ()
-        if count >= self.envmap.width * self.envmap.height * SAMPLES_A_PIXEL:
+        if is_guided(count, self.envmap):
+            many = f"{count} samples are many for a map of {self.envmap.width} x {self.envmap.height} pixels"
+            self.device.decisions.use("guide tables", many)
             guided, defines = self.guide.arguments, {"GUIDED": 1, **defines}
             if "PIXELS" in defines:
                 radiance = self.weight
         else:
-            device.omit("guide tables", f"{count} samples are found sooner than tables for the map's pixels are made")
+            few = f"{count} samples are found sooner than tables for the map's pixels are made"
+            device.decisions.skip("guide tables", few)
         block = 1 if device.is_gpu else SAMPLES_A_BLOCK
         kernel = device.kernel("sample", BLOCK=block, **defines)
         blocks, step = -(-count // block), max(1, SAMPLES_A_LAUNCH // block)
@@ -184,24 +191,31 @@ class Distribution:
         return [buffers.download(device, result) for result in results]
 
 
+def is_guided(count: int, envmap: EnvironmentMap) -> bool:
+    """Whether ``count`` samples of a map are so many that guide tables pay for themselves."""
+    return count >= envmap.width * envmap.height * SAMPLES_A_PIXEL
+
+
 def sequence_define(count: int, sequence: str) -> dict[str, int]:
     """What kernels that draw ``count`` points of a ``sequence`` are built with; refuses what there is not."""
-    if sequence not in SEQUENCES:
-        raise LightdomeError(f"unknown sequence {sequence!r}; there is {', '.join(SEQUENCES)}")
-    if not 0 < count < 2**31:
-        raise LightdomeError(f"cannot draw {count} samples; ask for 1 to 2147483647")
+    checks.choice("sequence", sequence, SEQUENCES)
+    checks.whole(f"cannot draw {checks.told(count)} samples: their count", count, 1, MAX_COUNT)
     return {f"SEQUENCE_{sequence.upper()}": 1}
 
 
 def philox_key(seed: int) -> np.ndarray:
     """A seed of 64 bits as the two words of a Philox key (an OpenCL ``uint2``)."""
-    if not 0 <= seed < 2**64:
-        raise LightdomeError(f"a seed is a whole number from 0 to 2^64 - 1, not {seed}")
+    seed = checks.whole("a seed", seed, 0, 2**64 - 1)
     return np.array([seed & 0xFFFFFFFF, seed >> 32], dtype=np.uint32)
 
 
 def build_distribution(device: Device, envmap: EnvironmentMap) -> Distribution:
-    """Build the CDF of every row and the CDF over rows of ``envmap`` on ``device``."""
+    """Build the CDF of every row and the CDF over rows of ``envmap`` on ``device``.
+
+    Raises :class:`LightdomeError` where the device has not the room, or one argument is of another type.
+    """
+    checks.instance("the device", device, Device)
+    checks.instance("the map", envmap, EnvironmentMap)
     height, width = envmap.height, envmap.width
     radiance = buffers.upload(device, envmap.radiance)
     theta = buffers.upload(device, sine_cosine(row_angles(height)))
@@ -249,7 +263,10 @@ def build_row_cdfs(
     defines = {}
     if scale == 1 and offset == 0:
         defines["PLAIN"] = 1
-        device.omit("scaling of weights", "their sums stay in float32's range")
+        device.decisions.skip("scaling of weights", "their sums stay in float32's range")
+    else:
+        why = "their sums would leave float32's range" if scale != 1 else "only what is above the mean is drawn"
+        device.decisions.use("scaling of weights", why)
     event = device.kernel("row_cdf", **defines)(
         device.queue,
         (height,),

@@ -13,17 +13,24 @@ from pathlib import Path
 
 import numpy as np
 
+from . import checks
 from .errors import LightdomeError
-from .images import read_image
+from .float_range import LARGEST, LARGEST_HALF
+from .images import ImageRows, read_image
+
+SANITIZE = ("black", "clamp")
+MAX_SIDE = 2**31 - 1  # rows or columns
 
 
 def row_angles(height: int) -> np.ndarray:
     """Polar angles theta of the rows' centres, (height,) float64, radians."""
+    height = checks.whole("a height", height, 1, MAX_SIDE)
     return np.pi * (np.arange(height) + 0.5) / height
 
 
 def column_angles(width: int) -> np.ndarray:
     """Azimuths phi of the columns' centres, (width,) float64, radians."""
+    width = checks.whole("a width", width, 1, MAX_SIDE)
     return 2 * np.pi * (np.arange(width) + 0.5) / width
 
 
@@ -33,38 +40,92 @@ def solid_angles(height: int, width: int) -> np.ndarray:
     The integral of sin(theta) over the row is 2 sin(pi / 2H) sin(theta), exactly proportional to
     sin(theta) at the centre.
     """
+    width = checks.whole("a width", width, 1, MAX_SIDE)
     return 2 * np.pi / width * 2 * np.sin(np.pi / (2 * height)) * np.sin(row_angles(height))
 
 
 @dataclass(frozen=True)
-class EnvironmentMap:
-    """Radiance by direction: ``radiance`` is (H, W, 3) float32, finite, and 0 or above.
+class Replaced:
+    """What ``sanitize`` put in the place of bad values, and what that does to the light.
 
-    ``EnvironmentMap(radiance)`` checks what it is given and raises :class:`LightdomeError` that
-    counts the bad pixels and names the first; with ``sanitize`` they become 0 instead.
+    ``pixels`` had one bad value or more: ``nan`` of them NaN, ``infinite`` an infinite one, ``negative`` a negative
+    one, which may be minus infinity. Infinities became ``infinity``, all others 0. These pixels now carry
+    ``flux_share`` of the map's flux, 0 to 1.
+    """
+
+    pixels: int
+    nan: int
+    infinite: int
+    negative: int
+    infinity: float
+    flux_share: float
+
+    @property
+    def note(self) -> str:
+        """All of it in a line."""
+        kinds = {"NaN by 0": self.nan, f"infinite by {self.infinity:g}": self.infinite, "negative by 0": self.negative}
+        said = ", ".join(f"{n} {kind}" for kind, n in kinds.items() if n)
+        plural = "s were" if self.pixels > 1 else " was"
+        verb = "carry" if self.pixels > 1 else "carries"
+        return (
+            f"note: {self.pixels} bad pixel{plural} replaced ({said}) and now {verb} {100 * self.flux_share:.3g} %"
+            " of the map's flux"
+        )
+
+
+@dataclass(frozen=True)
+class EnvironmentMap:
+    """Radiance by direction: ``radiance`` is (H, W, 3) float32, finite, 0 or above, and read-only.
+
+    ``EnvironmentMap(radiance)`` copies and checks what it is given and raises :class:`LightdomeError` that
+    counts the bad pixels and names the first. With ``sanitize`` they are replaced instead, and ``replaced`` says how:
+    ``"black"``, or True, makes each bad value 0; ``"clamp"`` makes infinite ones the largest finite value of the
+    array's type, 65504 for half floats, and others 0. ``notes`` are remarks on the file that :meth:`read` read: the
+    layer it took, a factor in the header that it divided out, ...
     """
 
     radiance: np.ndarray
     peak: float
+    replaced: Replaced | None
+    notes: tuple[str, ...]
 
-    def __init__(self, radiance: np.ndarray, *, sanitize: bool = False, name: str = "the map") -> None:
-        radiance = np.ascontiguousarray(radiance, dtype=np.float32)
-        if radiance.ndim != 3 or radiance.shape[2] != 3 or 0 in radiance.shape:
-            raise LightdomeError(f"{name}: an environment map has shape (H, W, 3), not {radiance.shape}")
-        inspection = Inspection()
-        radiance = inspection.mended(radiance)
-        if not sanitize:
-            inspection.refuse_bad_pixels(name)
-        object.__setattr__(self, "radiance", radiance)
-        object.__setattr__(self, "peak", inspection.peak)
+    def __init__(self, radiance: np.ndarray, *, sanitize: bool | str = False, name: str = "the map") -> None:
+        inspection = Inspection(sanitize, largest_of(radiance))
+        self._take(checks.array(name, radiance, ("H", "W", 3), np.float32, own=True), inspection, name)
 
     @classmethod
-    def read(cls, path: str | Path, *, sanitize: bool = False) -> EnvironmentMap:
-        """Read a PFM, EXR or Radiance HDR file.
+    def read(
+        cls, path: str | Path, *, sanitize: bool | str = False, layer: str | None = None, flip: bool = False
+    ) -> EnvironmentMap:
+        """Read a PFM, EXR or Radiance HDR file; ``sanitize`` as for the class, but the type is the file's.
 
-        Raises :class:`LightdomeError` where the file cannot be read or holds bad pixels.
+        Of an EXR file ``layer`` is that of :func:`read_image`.
+
+        With ``flip`` the file's rows are taken in reverse, as where it was written upside down. Raises
+        :class:`LightdomeError` where the file cannot be read or holds bad pixels.
         """
-        return cls(read_image(path), sanitize=sanitize, name=str(path))
+        inspection = Inspection(sanitize)
+        rows = ImageRows(path, layer=layer)
+        if inspection.sanitize == "clamp":
+            inspection.infinity = rows.largest
+        result = object.__new__(cls)
+        # Nobody else has what was read: it is not copied.
+        result._take(read_image(path, layer, flip), inspection, str(path), rows.notes)
+        return result
+
+    def _take(self, radiance: np.ndarray, inspection: Inspection, name: str, notes: tuple[str, ...] = ()) -> None:
+        if 0 in radiance.shape:
+            raise LightdomeError(f"{name}: an environment map has shape (H, W, 3), not {radiance.shape}")
+        radiance = inspection.mended(radiance)
+        inspection.refuse_bad_pixels(name)
+        radiance.flags.writeable = False
+        replaced = None
+        if inspection.found:
+            rows = radiance.sum(axis=(1, 2), dtype=np.float64)
+            replaced = inspection.replaced(len(radiance), float(rows @ np.sin(row_angles(len(radiance)))))
+        fields = {"radiance": radiance, "peak": inspection.peak, "replaced": replaced, "notes": notes}
+        for field, value in fields.items():
+            object.__setattr__(self, field, value)
 
     @cached_property
     def is_grey(self) -> bool:
@@ -95,49 +156,87 @@ def shape_note(height: int, width: int) -> str | None:
     return f"note: the map is {width} x {height}, not 2:1; it is stretched over the whole sphere of directions"
 
 
+def largest_of(array: object) -> float:
+    """The largest finite radiance that an array's type holds: of half floats 65504, else float32's."""
+    return LARGEST_HALF if getattr(array, "dtype", None) == np.float16 else LARGEST
+
+
 class Inspection:
     """What a map's values are, looked at row after row, in any order.
 
-    ``peak`` is the largest value that is neither infinite nor NaN, 0 if there is none above
+    - ``sanitize``: None, ``"black"`` or ``"clamp"``
+    - ``infinity``: what an infinite value becomes
+    - ``peak``: the largest value that is neither infinite nor NaN, 0 if there is none above
+
+    Raises :class:`LightdomeError` for another way to ``sanitize``.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, sanitize: bool | str | None = None, largest: float = LARGEST) -> None:
+        if sanitize is None or isinstance(sanitize, bool | np.bool_):
+            sanitize = "black" if sanitize else None
+        elif not (isinstance(sanitize, str) and sanitize in SANITIZE):
+            raise LightdomeError(f"sanitize is False, {' or '.join(map(repr, SANITIZE))}, not {checks.told(sanitize)}")
+        self.sanitize = sanitize
+        self.infinity = largest if sanitize == "clamp" else 0.0
         self.peak = 0.0
-        self._bad = 0
+        self.found = 0  # bad pixels
         self._kinds: Counter[str] = Counter()
         self._first: tuple[int, int, np.ndarray] | None = None  # y, x, and its value
+        self._light: dict[int, float] = {}  # R + G + B of replaced pixels, by row
 
     def mended(self, radiance: np.ndarray, first_row: int = 0) -> np.ndarray:
-        """Look at rows ``first_row`` and following, (n, W, 3); the same, or a copy with 0 for every bad value."""
+        """Look at rows ``first_row`` and following, (n, W, 3); the same, or a copy without bad values."""
         # A NaN makes both extremes NaN, so two passes without temporaries see every bad value.
         lowest, peak = float(radiance.min()), float(radiance.max())
         if not (lowest >= 0 and peak < np.inf):
-            self._count(radiance, first_row)
-            radiance = np.where((radiance >= 0) & np.isfinite(radiance), radiance, np.float32(0))
+            bad = self._count(radiance, first_row)
+            infinite = radiance == np.inf
+            radiance = np.where((radiance >= 0) & ~infinite, radiance, np.float32(0))
+            radiance[infinite] = self.infinity
             peak = float(radiance.max())
+            y, x = np.nonzero(bad)
+            light = np.bincount(y, radiance[y, x].sum(axis=1, dtype=np.float64), len(radiance))
+            self._light.update({first_row + int(row): float(light[row]) for row in np.unique(y)})
         self.peak = max(self.peak, peak)
         return radiance
 
-    def _count(self, radiance: np.ndarray, first_row: int) -> None:
+    def _count(self, radiance: np.ndarray, first_row: int) -> np.ndarray:
         kinds = {
             "NaN": np.isnan(radiance).any(axis=2),
-            "infinite": np.isinf(radiance).any(axis=2),
-            "negative": ((radiance < 0) & np.isfinite(radiance)).any(axis=2),
+            "infinite": (radiance == np.inf).any(axis=2),
+            "negative": (radiance < 0).any(axis=2),
         }
         pixels = np.logical_or.reduce(list(kinds.values()))
-        self._bad += int(pixels.sum())
+        self.found += int(pixels.sum())
         self._kinds.update({kind: int(found.sum()) for kind, found in kinds.items()})
         y, x = (int(i) for i in np.argwhere(pixels)[0])
         if self._first is None or first_row + y < self._first[0]:
-            self._first = first_row + y, x, radiance[y, x]
+            self._first = first_row + y, x, radiance[y, x].copy()
+        return pixels
 
     def refuse_bad_pixels(self, name: str) -> None:
-        """Raise :class:`LightdomeError` if there were any, with their count and the first."""
-        if self._first is None:
+        """Raise :class:`LightdomeError` for those that are not to be replaced, with their count and the first."""
+        if self._first is None or self.sanitize:
             return
         kinds = ", ".join(f"{n} {kind}" for kind, n in self._kinds.items() if n)
         y, x, (r, g, b) = self._first
+        clamp = ", or infinite ones by the largest value with --sanitize clamp" if self._kinds["infinite"] else ""
         raise LightdomeError(
-            f"{name}: {self._bad} bad pixel{'s' if self._bad > 1 else ''} ({kinds}), the first at x = {x}, y = {y}:"
-            f" ({r:g}, {g:g}, {b:g}); mend the map, or replace them by black with --sanitize"
+            f"{name}: {self.found} bad pixel{'s' if self.found > 1 else ''} ({kinds}), the first at x = {x}, y = {y}:"
+            f" ({r:g}, {g:g}, {b:g}); mend the map, or replace them by black with --sanitize{clamp}"
+        )
+
+    def replaced(self, height: int, total: float) -> Replaced | None:
+        """What was replaced in a map of ``height`` rows whose sum of (R + G + B) sin(theta) is ``total`` now."""
+        if not self.found:
+            return None
+        sine = np.sin(row_angles(height))
+        light = sum(light * sine[row] for row, light in self._light.items())
+        return Replaced(
+            pixels=self.found,
+            nan=self._kinds["NaN"],
+            infinite=self._kinds["infinite"],
+            negative=self._kinds["negative"],
+            infinity=self.infinity,
+            flux_share=min(1.0, float(light / total)) if total > 0 else 0.0,
         )

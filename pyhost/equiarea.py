@@ -24,6 +24,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from . import checks
+from .errors import LightdomeError
+
 MAX_SIDE = 4096  # 0.05 degrees a texel: far below what a diffuse surface can show
 MIN_SIDE = 64
 PAIRS_A_CHUNK = 2**18  # pixel-texel pairs at a time: their temporaries stay within the cache's reach
@@ -40,12 +43,15 @@ def to_equal_area(radiance: np.ndarray, side: int | None = None) -> np.ndarray:
 
     The direction (sin theta cos phi, sin theta sin phi, cos theta), z up, of a pixel is kept. The mean
     over all texels is the map's flux / 4 pi. ``side`` is S, even; by default :func:`equal_area_side`.
-    Raises ``ValueError`` for an odd ``side``.
+    Raises :class:`LightdomeError` for another shape, and for an odd ``side``.
     """
+    radiance = checks.array("radiance", radiance, ("H", "W", 3))
     height, width = radiance.shape[:2]
-    side = equal_area_side(height, width) if side is None else side
-    if side < 2 or side % 2:
-        raise ValueError(f"the side is an even number, not {side}")
+    if radiance.size == 0:
+        raise LightdomeError(f"radiance of shape {radiance.shape} has no pixels")
+    side = equal_area_side(height, width) if side is None else checks.whole("the side", side, 2, 2**15)
+    if side % 2:
+        raise LightdomeError(f"the side is an even number, not {side}")
     # Pixels must not straddle octants; halves and quarters of a pixel are the same map.
     radiance = np.repeat(radiance, 1 + height % 2, axis=0)
     radiance = np.repeat(radiance, 4 // np.gcd(width, 4), axis=1)

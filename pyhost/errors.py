@@ -11,7 +11,17 @@ class LightdomeError(Exception):
     """
 
 
+def shown(text: object) -> str:
+    """Text as it can be printed on one line: what is no character, or moves the cursor, is escaped as in Python."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(text))
+
+
+def exactly(value: float) -> str:
+    """The shortest text that is the same number when it is read: what was given hides no digit."""
+    return repr(float(value)).removesuffix(".0")
+
+
 def one_line(message: object) -> str:
     """What another library says, fit for a :class:`LightdomeError`: its first line, printable and not too long."""
     lines = str(message).strip().splitlines() or ["no reason given"]
-    return "".join(c if c.isprintable() else "?" for c in lines[0][:200])
+    return shown(lines[0][:200])[:200]

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .errors import LightdomeError
+
+# What :func:`abandon` removes. An end of the process that nothing can unwind must find it from another thread.
+_unfinished: set[Path] = set()
 
 
 @contextmanager
@@ -25,6 +29,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
     try:
         if path.exists() and not path.is_file():
             raise LightdomeError(f"cannot write {path}: it is there and is no ordinary file")
+        _unfinished.add(temporary)
         temporary.touch(exist_ok=False)
         yield temporary
         temporary.replace(path)
@@ -33,6 +38,25 @@ def replacing(path: str | Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):  # as where the folder is none
             temporary.unlink(missing_ok=True)
+        _unfinished.discard(temporary)
+
+
+def abandon() -> None:
+    """Remove all temporary files of :func:`replacing`: the process is about to end."""
+    for temporary in list(_unfinished):
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def utf8_name(path: Path) -> str:
+    """``path`` for a library that opens only names in UTF-8, whatever the locale's encoding is.
+
+    Raises :class:`LightdomeError` where it is none.
+    """
+    try:
+        return os.fsencode(path).decode("utf-8")
+    except UnicodeError as error:
+        raise LightdomeError(f"OpenImageIO opens only names in UTF-8, and {path} is none; rename it") from error
 
 
 def cannot_write(path: Path, reason: str) -> LightdomeError:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 LARGEST = float(np.finfo(np.float32).max)
+LARGEST_HALF = float(np.finfo(np.float16).max)
 
 
 def light_exponent(total: float) -> int:

@@ -31,6 +31,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from . import checks
 from .errors import LightdomeError
 
 Array = NDArray[np.float64]
@@ -39,21 +40,45 @@ RIGHT_ANGLE = math.pi / 2
 
 
 def _angle(theta: ArrayLike) -> Array:
-    theta = np.asarray(theta, dtype=np.float64)
+    theta = checks.array("the angle of incidence", theta, None, np.float64)
     # The pi/2 of single precision is 4e-8 above the real one; it still means 90 degrees.
-    if not np.all((theta >= 0) & (theta <= RIGHT_ANGLE + 1e-7)):
-        raise LightdomeError("angles of incidence must lie between 0 and pi/2 radians (90 degrees)")
+    right = (theta >= 0) & (theta <= RIGHT_ANGLE + 1e-7)
+    _all_in(theta, right, "the angle of incidence", "must lie between 0 and pi/2 radians")
     return np.minimum(theta, RIGHT_ANGLE)
+
+
+def _all_in(values: Array, right: NDArray[np.bool_], what: str, wanted: str) -> None:
+    if not right.all():
+        raise LightdomeError(f"{what} {wanted}, and is not {values[~right].flat[0]:g}")
+
+
+def _together(*values: Array) -> None:
+    try:
+        np.broadcast_shapes(*(v.shape for v in values))
+    except ValueError:
+        shapes = " and ".join(str(v.shape) for v in values)
+        raise LightdomeError(f"angles and indices have shapes that go together, not {shapes}") from None
 
 
 def _indices(n_i: ArrayLike, n_t: ArrayLike) -> tuple[Array, Array]:
     """Both indices, checked, and divided by one power of two: only their ratio matters."""
-    n_i, n_t = np.asarray(n_i, dtype=np.float64), np.asarray(n_t, dtype=np.float64)
+    n_i, n_t = (checks.array("a refractive index", n, None, np.float64) for n in (n_i, n_t))
     for name, n in (("n_i", n_i), ("n_t", n_t)):
-        if not np.all(np.isfinite(n) & (n > 0)):
-            raise LightdomeError(f"the refractive index {name} must be finite and above 0")
+        _all_in(n, np.isfinite(n) & (n > 0), f"the refractive index {name}", "must be finite and above 0")
+    _together(n_i, n_t)
     exponent = np.frexp(np.maximum(n_i, n_t))[1]
-    return np.ldexp(n_i, -exponent), np.ldexp(n_t, -exponent)
+    n_i, n_t = np.ldexp(n_i, -exponent), np.ldexp(n_t, -exponent)
+    if not np.all((n_i > 0) & (n_t > 0)):
+        raise LightdomeError("the refractive indices n_i and n_t are too far apart: their ratio must be above 5e-324")
+    return n_i, n_t
+
+
+def _pair(n_i: float, n_t: float) -> tuple[float, float]:
+    """The same of two numbers."""
+    a, b = _indices(n_i, n_t)
+    if a.ndim or b.ndim:
+        raise LightdomeError(f"a refractive index is one number here, not an array of shape {a.shape or b.shape}")
+    return float(a), float(b)
 
 
 def _g_squared(c: Array, s: Array, n_i: Array, n_t: Array) -> Array:
@@ -81,6 +106,7 @@ def fresnel(theta: ArrayLike, n_i: ArrayLike, n_t: ArrayLike) -> tuple[Array, Ar
     Source: Born and Wolf, section 1.5.2, rearranged as the head of this module says.
     """
     theta, (n_i, n_t) = _angle(theta), _indices(n_i, n_t)
+    _together(theta, n_i, n_t)
     c, s = np.cos(theta), np.sin(theta)
     difference = (n_t - n_i) * (n_t + n_i)
     g_squared = _g_squared(c, s, n_i, n_t)
@@ -111,6 +137,7 @@ def refraction_angle(theta: ArrayLike, n_i: ArrayLike, n_t: ArrayLike) -> Array:
     Arguments and errors as in :func:`fresnel`.
     """
     theta, (n_i, n_t) = _angle(theta), _indices(n_i, n_t)
+    _together(theta, n_i, n_t)
     c, s = np.cos(theta), np.sin(theta)
     g_squared = _g_squared(c, s, n_i, n_t)
     g = np.sqrt(np.maximum(g_squared, 0))
@@ -122,7 +149,7 @@ def normal_reflectance(n_i: float, n_t: float) -> float:
 
     Raises :class:`LightdomeError` for an index that is not finite and above 0.
     """
-    a, b = _indices(n_i, n_t)
+    a, b = _pair(n_i, n_t)
     return float(((a - b) / (a + b)) ** 2)
 
 
@@ -131,7 +158,7 @@ def brewster_angle(n_i: float, n_t: float) -> float | None:
 
     None for equal indices, which reflect nothing at any angle. Errors as in :func:`normal_reflectance`.
     """
-    a, b = _indices(n_i, n_t)
+    a, b = _pair(n_i, n_t)
     return None if a == b else math.atan2(b, a)
 
 
@@ -140,7 +167,7 @@ def critical_angle(n_i: float, n_t: float) -> float | None:
 
     None where there is none, n_t >= n_i. Errors as in :func:`normal_reflectance`.
     """
-    a, b = _indices(n_i, n_t)
+    a, b = _pair(n_i, n_t)
     # As an arc tangent: asin loses half of the digits where the indices are nearly equal.
     return None if b >= a else math.atan2(b, math.sqrt((a - b) * (a + b)))
 
@@ -155,9 +182,9 @@ def schlick(theta: ArrayLike, r0: ArrayLike) -> Array:
     Raises :class:`LightdomeError` for an angle or a reflectance out of range.
     Source: Schlick, An Inexpensive BRDF Model for Physically-based Rendering (1994).
     """
-    theta, r0 = _angle(theta), np.asarray(r0, dtype=np.float64)
-    if not np.all((r0 >= 0) & (r0 <= 1)):
-        raise LightdomeError("the reflectance at normal incidence must lie between 0 and 1")
+    theta, r0 = _angle(theta), checks.array("the reflectance", r0, None, np.float64)
+    _all_in(r0, (r0 >= 0) & (r0 <= 1), "the reflectance at normal incidence", "must lie between 0 and 1")
+    _together(theta, r0)
     # 90 degrees is where the value is 1; 1 - cos = 2 sin^2(theta/2) does not cancel at small angles.
     rise = np.where(theta == RIGHT_ANGLE, 1.0, (2 * np.sin(theta / 2) ** 2) ** 5)
     return (r0 + (1 - r0) * rise)[()]
@@ -184,7 +211,7 @@ def schlick_error(n_i: float, n_t: float) -> SchlickError:
     :func:`unpolarised`. The error is found to about 1e-15, the angle, as of any flat maximum, to 1e-8 or so.
     Errors as in :func:`normal_reflectance`.
     """
-    a, b = (float(n) for n in _indices(n_i, n_t))
+    a, b = _pair(n_i, n_t)
     thin, dense = min(a, b), max(a, b)
     r0 = normal_reflectance(a, b)
 

@@ -11,18 +11,20 @@ No pyplot: figures are plain objects, no window opens, and no state is left behi
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
-import matplotlib.style
 import numpy as np
+
+from . import plotting  # first: it imports matplotlib
+
+# isort: split
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 from numpy.typing import ArrayLike
 
+from .errors import exactly
 from .files import replacing
 from .fresnel import (
     RIGHT_ANGLE,
@@ -54,13 +56,6 @@ _STYLE = {
     # Without a fixed salt the SVG's identifiers, and so the file, would differ from run to run.
     "svg.hashsalt": "lightdome",
 }
-
-
-@contextmanager
-def _style() -> Iterator[None]:
-    """Our look, whatever the user's matplotlibrc says; restored afterwards."""
-    with matplotlib.style.context(["default", _STYLE]):
-        yield
 
 
 class _Labels:
@@ -169,7 +164,7 @@ def _degrees(angle: float, digits: int = 6) -> str:
 
 
 def _title(what: str, n_i: float, n_t: float, from_name: str, to_name: str) -> str:
-    return f"{what}: {from_name} ($n_i$ = {n_i:.8g}) to {to_name} ($n_t$ = {n_t:.8g})"
+    return f"{what}: {from_name} ($n_i$ = {exactly(n_i)}) to {to_name} ($n_t$ = {exactly(n_t)})"
 
 
 def _figure(height: float, rows: list[float]) -> tuple[Figure, list[Axes]]:
@@ -210,7 +205,7 @@ def fresnel_figure(n_i: float, n_t: float, from_name: str = "side i", to_name: s
     above 0, else :class:`LightdomeError`; ``from_name``, ``to_name``: what the title calls the two sides.
     Normal incidence, Brewster's angle and the critical angle are marked where they exist.
     """
-    with _style():
+    with plotting.plain(**_STYLE):
         theta = _angles(n_i, n_t)
         x = np.degrees(theta)
         reflected_p, reflected_s = fresnel(theta, n_i, n_t)
@@ -243,7 +238,7 @@ def schlick_figure(n_i: float, n_t: float, from_name: str = "side i", to_name: s
     light that leaves the denser side the approximation is drawn twice: with the angle of incidence, as
     compared, and with the angle of the transmitted light, which mends it.
     """
-    with _style():
+    with plotting.plain(**_STYLE):
         theta = _angles(n_i, n_t)
         worst = schlick_error(n_i, n_t)
         theta = np.union1d(theta, worst.theta)
@@ -307,7 +302,7 @@ def save(figure: Figure, stem: str | Path) -> list[Path]:
     stem = Path(stem)
     metadata = {"png": {}, "svg": {"Date": None}}
     paths = []
-    with _style():
+    with plotting.plain(**_STYLE):
         for kind, extra in metadata.items():
             path = stem.with_name(f"{stem.name}.{kind}")
             with replacing(path) as temporary:

@@ -14,11 +14,12 @@ Hanrahan, An Efficient Representation for Irradiance Environment Maps (2001), eq
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from . import buffers
+from . import buffers, checks
 from .device import Device
 from .disc import check_resolution, disc_tiles
 from .distribution import range_scale
@@ -32,9 +33,22 @@ TERMS_A_LAUNCH = 2**33  # pixels x coefficients, a second or so
 
 @dataclass(frozen=True)
 class Harmonics:
-    """Radiance of a map up to ``order``: ``coefficients`` is ((order + 1)^2, 3) float64, L_lm in row l^2 + l + m."""
+    """Radiance of a map up to ``order``: ``coefficients`` is ((order + 1)^2, 3) float64, L_lm in row l^2 + l + m.
+
+    It is read-only. ``Harmonics(coefficients)`` copies it and raises :class:`LightdomeError` for another shape, and for
+    values that are not finite.
+    """
 
     coefficients: np.ndarray
+
+    def __post_init__(self) -> None:
+        coefficients = checks.array("coefficients", self.coefficients, ("(order + 1)^2", 3), np.float64, own=True)
+        count = len(coefficients)
+        if math.isqrt(count) ** 2 != count or count == 0:
+            raise LightdomeError(f"harmonics up to an order l have (l + 1)^2 coefficients, not {count}")
+        if not (np.abs(coefficients) <= checks.BRIGHTEST).all():
+            raise LightdomeError(f"coefficients of harmonics are at most {checks.BRIGHTEST:g}, not infinite or NaN")
+        object.__setattr__(self, "coefficients", coefficients)
 
     @property
     def order(self) -> int:
@@ -42,12 +56,17 @@ class Harmonics:
         return int(np.sqrt(len(self.coefficients))) - 1
 
     def truncated(self, order: int) -> Harmonics:
-        """The same up to ``order``, no more than it has: what :func:`project` would give."""
-        return Harmonics(self.coefficients[: (order + 1) ** 2])
+        """The same up to ``order``, no more than it has: what :func:`project` would give.
+
+        Raises :class:`LightdomeError` for an order that is no whole number, 0 or above.
+        """
+        order = checks.whole("the order of harmonics", order, 0, 2**31 - 1)
+        return checks.made(Harmonics, coefficients=self.coefficients[: (order + 1) ** 2])
 
 
 def clamped_cosine(order: int) -> np.ndarray:
     """A_l for l = 0 .. ``order``: pi, 2 pi / 3, pi / 4, 0, -pi / 24, ... (Ramamoorthi and Hanrahan, equation 8)."""
+    order = checks.whole("the order of harmonics", order, 0, 2**31 - 1)
     A = np.zeros(order + 1)
     A[:2] = (np.pi, 2 * np.pi / 3)[: order + 1]
     central = 1.0  # l! / (2^l (l/2)!^2)
@@ -63,8 +82,9 @@ def project(device: Device, envmap: EnvironmentMap, order: int = 2) -> Harmonics
     The device sums along rows for each m; the Legendre functions, few and delicate, are the host's in float64.
     Raises :class:`LightdomeError` if ``order`` is not from 0 to 64.
     """
-    if not 0 <= order <= MAX_ORDER:
-        raise LightdomeError(f"spherical harmonics are of order 0 to {MAX_ORDER}, not {order}")
+    checks.instance("the device", device, Device)
+    checks.instance("the map", envmap, EnvironmentMap)
+    order = checks.whole("the order of harmonics", order, 0, MAX_ORDER)
     height, width = envmap.height, envmap.width
     # m phi_x = pi m (2x + 1) / W, reduced to one turn as an integer.
     turn = np.arange(order + 1)[:, None] * (2 * np.arange(width) + 1) % (2 * width) * (np.pi / width)
@@ -99,16 +119,19 @@ def project(device: Device, envmap: EnvironmentMap, order: int = 2) -> Harmonics
             coefficients[n * n + n + m] = y @ weighted[:, m, 0]
             if m > 0:
                 coefficients[n * n + n - m] = y @ weighted[:, m, 1]
-    return Harmonics(coefficients)
+    return checks.made(Harmonics, coefficients=coefficients)
 
 
 def shade_harmonics(device: Device, harmonics: Harmonics, resolution: int = 511, albedo: float = 1.0) -> np.ndarray:
     """The diffuse sphere under ``harmonics``: (R, R, 3) float32, radiance, 0 outside the disc, may be negative.
 
     A pixel is albedo / pi times the sum of A_l L_lm Y_lm(n). The camera is that of :mod:`lightdome.sphere`.
-    Raises :class:`LightdomeError` for a resolution outside 1 to 16384 or an order above 64.
+    Raises :class:`LightdomeError` for a resolution outside 1 to 16384, an order above 64, or an albedo that is
+    negative or not finite.
     """
-    check_resolution(resolution)
+    checks.instance("the device", device, Device)
+    checks.instance("the harmonics", harmonics, Harmonics)
+    resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
     order = harmonics.order
     if order > MAX_ORDER:
         raise LightdomeError(f"spherical harmonics are of order 0 to {MAX_ORDER}, not {order}")

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from . import checks
 from .errors import LightdomeError
 from .files import replacing
 from .samples import Samples
@@ -26,11 +27,18 @@ class Lights:
     - ``direction``: (N, 3) float32, unit vectors towards the lights
     - ``flux``: (N, 3) float64, RGB, what each light stands for: radiance x steradian
 
-    A surface with normal n receives the irradiance sum of flux max(0, n . direction).
+    A surface with normal n receives the irradiance sum of flux max(0, n . direction). The arrays are read-only.
+    ``Lights(direction, flux)`` copies them and raises :class:`LightdomeError` for directions that are no unit
+    vectors, and for fluxes that are negative or not finite.
     """
 
     direction: np.ndarray
     flux: np.ndarray
+
+    def __post_init__(self) -> None:
+        direction, flux = checks.lights(self.direction, self.flux, own=True)
+        object.__setattr__(self, "direction", direction)
+        object.__setattr__(self, "flux", flux)
 
     def __len__(self) -> int:
         return len(self.direction)
@@ -38,7 +46,8 @@ class Lights:
     @classmethod
     def of(cls, samples: Samples) -> Lights:
         """The lights that a set of samples is."""
-        return cls(samples.direction, samples.flux)
+        checks.instance("samples", samples, Samples)
+        return checks.made(cls, direction=samples.direction, flux=samples.flux)
 
 
 def write_csv(path: str | Path, lights: Lights) -> None:
@@ -47,6 +56,8 @@ def write_csv(path: str | Path, lights: Lights) -> None:
     x, y, z is the unit vector towards the light, red, green, blue its flux (radiance x steradian), each
     to the precision of a float32. Raises :class:`LightdomeError` if the file cannot be written.
     """
+    path = checks.path(path)
+    checks.instance("the lights", lights, Lights)
     rows = (",".join(f"{v:.9g}" for v in row) for row in _rows(lights))
     with replacing(path) as temporary:
         temporary.write_text("\n".join([CSV_HEADER, *rows]) + "\n", encoding="ascii")
@@ -62,6 +73,8 @@ def write_pbrt(path: str | Path, lights: Lights) -> None:
 
     Source: the file formats at https://pbrt.org/fileformat-v3 and https://pbrt.org/fileformat-v4.
     """
+    path = checks.path(path)
+    checks.instance("the lights", lights, Lights)
     if not (lights.flux <= np.finfo(np.float32).max).all():
         raise LightdomeError(
             "a light is stronger than the 3.4e38 that PBRT can hold; scale the map down and the image up"

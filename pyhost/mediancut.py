@@ -22,7 +22,7 @@ import math
 
 import numpy as np
 
-from . import buffers
+from . import buffers, checks
 from .buffers import DeviceArray
 from .distribution import BLACK, Distribution
 from .envmap import row_angles, solid_angles
@@ -39,6 +39,7 @@ def median_cut(distribution: Distribution, count: int) -> Lights:
     Fluxes add up to that of the map. A region whose light comes from all sides alike has no centroid;
     its light comes from above. Raises :class:`LightdomeError` as :func:`regions` does.
     """
+    checks.instance("the distribution", distribution, Distribution)
     device, envmap = distribution.device, distribution.envmap
     x0, y0, x1, y1 = regions(distribution, count).T
 
@@ -73,7 +74,7 @@ def median_cut(distribution: Distribution, count: int) -> Lights:
     length = np.linalg.norm(moment, axis=1, keepdims=True)
     direction = np.where(length > 1e-6 * flux.sum(axis=1, keepdims=True), moment, (0, 1, 0))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    return Lights(direction.astype(np.float32), flux / distribution.scale)
+    return checks.made(Lights, direction=direction.astype(np.float32), flux=flux / distribution.scale)
 
 
 def regions(distribution: Distribution, count: int) -> np.ndarray:
@@ -85,8 +86,8 @@ def regions(distribution: Distribution, count: int) -> np.ndarray:
 
     Raises :class:`LightdomeError` if the map is black or ``count`` is not from 1 to 4194304.
     """
-    if not 0 < count <= MAX_LIGHTS:
-        raise LightdomeError(f"cannot cut a map into {count} lights; ask for 1 to {MAX_LIGHTS}")
+    checks.instance("the distribution", distribution, Distribution)
+    count = checks.whole("the count of lights", count, 1, MAX_LIGHTS)
     if distribution.total == 0:
         raise LightdomeError(BLACK)
     device, envmap = distribution.device, distribution.envmap

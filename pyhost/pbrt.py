@@ -19,6 +19,7 @@ Source: the file formats at https://pbrt.org/fileformat-v3 and https://pbrt.org/
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import os
 import re
@@ -36,6 +37,8 @@ from typing import BinaryIO
 
 import numpy as np
 
+from . import checks
+from .decisions import Decision
 from .disc import check_resolution, disc_mask
 from .envmap import EnvironmentMap
 from .equiarea import to_equal_area
@@ -115,7 +118,8 @@ def find_pbrt(path: str | Path | None = None, timeout: float = 20.0) -> Pbrt:
     Asks the program for its version, for at most ``timeout`` seconds. Raises :class:`LightdomeError` where there
     is none, it does not start, or is neither version 3 nor 4.
     """
-    program = _locate(path)
+    checks.positive("the timeout", timeout)
+    program = _locate(None if path is None else checks.path(path))
     # An empty scene makes every version print its banner; options that do so are not common to both.
     try:
         code, text = _run([str(program)], timeout=timeout)
@@ -137,7 +141,7 @@ def find_pbrt(path: str | Path | None = None, timeout: float = 20.0) -> Pbrt:
     return Pbrt(program, version)
 
 
-def _locate(path: str | Path | None) -> Path:
+def _locate(path: Path | None) -> Path:
     if path is None:
         found = shutil.which("pbrt")
         if found is None:
@@ -145,7 +149,7 @@ def _locate(path: str | Path | None) -> Path:
                 f"no pbrt on PATH; build PBRT-v4 (https://github.com/mmp/pbrt-v4), say where it is with --pbrt, {ELSE}"
             )
         return Path(found).absolute()
-    path = Path(path).expanduser()
+    path = path.expanduser()
     if path.is_dir():
         found = shutil.which("pbrt", path=str(path.absolute()))
         if found is None:
@@ -177,22 +181,44 @@ def scene_text(
     ``seed`` counts modulo 2^31, and only for version 4: version 3 has none. Raises
     :class:`LightdomeError` for an albedo outside 0 to 1 and for other numbers out of range.
     """
-    check_resolution(resolution)
-    if not 1 <= spp < 2**31:
-        raise LightdomeError(f"samples a pixel are from 1 to 2147483647, not {spp}")
-    if not 0 <= albedo <= 1:
-        raise LightdomeError(f"a PBRT scene has an albedo from 0 to 1, not {albedo:g}; choose another with --albedo")
+    resolution = check_resolution(resolution)
+    version = checks.whole("the version of PBRT", version, *VERSIONS)
+    spp = checks.whole("samples a pixel", spp, 1, 2**31 - 1)
+    seed = checks.whole("a seed", seed, 0, 2**64 - 1)
+    exponent = checks.whole("the exponent", exponent, -1000, 1000)
+    albedo = checks.real("a PBRT scene's albedo", albedo, "a number from 0 to 1 (--albedo)", 0, 1)
     return TEMPLATE[version].format(
         remark=f"\n# Multiply its image by 2^{exponent}." if exponent else "",
         map=MAPS[version],
         image=f"sphere_{spp}spp{IMAGE_SUFFIX[version]}",
         resolution=resolution,
         spp=spp,
-        albedo=float(albedo),
+        albedo=albedo,
         seed=seed % 2**31,
-        # zsobol is the best, but renders the next lower power of two of samples.
-        sampler="halton" if spp & (spp - 1) else "zsobol",
+        sampler=_sampler(spp),
     )
+
+
+def _sampler(spp: int) -> str:
+    """PBRT-v4's: zsobol is the best, but renders the next lower power of two of samples."""
+    return "halton" if spp & (spp - 1) else "zsobol"
+
+
+def decisions(pbrt: Pbrt, scene: Scene) -> list[Decision]:
+    """What was used for the image of ``scene``, and what was left out, with the reasons."""
+    result = [Decision("OpenCL kernels", False, f"{pbrt} rendered")]
+    if scene.version == 3:
+        result.append(Decision("the sampler halton", True, "PBRT-v3 has no other that keeps to the centres of pixels"))
+    elif _sampler(scene.spp) == "zsobol":
+        result.append(Decision("the sampler zsobol", True, f"{scene.spp} is a power of two"))
+    else:
+        result.append(Decision("the sampler halton", True, f"{scene.spp} is no power of two, as zsobol needs"))
+    if scene.exponent:
+        why = f"its largest value is far from 1; the image is multiplied by 2^{scene.exponent}"
+        result.append(Decision("scaling of the map", True, why))
+    else:
+        result.append(Decision("scaling of the map", False, "its largest value is not far from 1"))
+    return result
 
 
 def write_scenes(
@@ -209,18 +235,22 @@ def write_scenes(
     Scenes name their map without a folder, so the whole folder can be moved. For the arguments and errors
     see :func:`scene_text`; raises :class:`LightdomeError` also where a file cannot be written.
     """
+    folder = checks.path(folder)
+    checks.instance("the map", envmap, EnvironmentMap)
+    spp = sorted(set(checks.wholes("samples a pixel", spp, 1, 2**31 - 1)))
+    versions = checks.wholes("versions of PBRT", versions, *VERSIONS)
     # PBRT sums pixels in plain float32, after factors of several thousand: keep it far from the limits.
     exponent = int(np.frexp(envmap.peak)[1])
     exponent = exponent if abs(exponent) > 30 else 0
     scenes, texts = [], []
     for version in versions:
-        for count in sorted(set(spp)):
+        for count in spp:
             texts.append(scene_text(version, count, resolution, albedo, seed, exponent))
-            path = Path(folder) / f"sphere_v{version}_{count}spp.pbrt"
+            path = folder / f"sphere_v{version}_{count}spp.pbrt"
             scenes.append(Scene(path, version, count, resolution, exponent))
     radiance = np.ldexp(envmap.radiance, -exponent) if exponent else envmap.radiance
     for version in versions:
-        write_image(Path(folder) / MAPS[version], to_equal_area(radiance) if version == 4 else radiance)
+        write_image(folder / MAPS[version], to_equal_area(radiance) if version == 4 else radiance)
     for scene, text in zip(scenes, texts, strict=True):
         with replacing(scene.path) as path:
             path.write_text(text, encoding="ascii")
@@ -229,9 +259,14 @@ def write_scenes(
 
 def render(pbrt: Pbrt, scenes: Iterable[Scene], timeout: float | None = None) -> Iterator[tuple[int, np.ndarray]]:
     """Yield (spp, image) for each of ``pbrt``'s scenes in increasing order: see :func:`render_scene`."""
-    for scene in sorted(scenes, key=lambda scene: scene.spp):
-        if scene.version == pbrt.version:
-            yield scene.spp, render_scene(pbrt, scene, timeout)
+    checks.instance("the program", pbrt, Pbrt)
+    if not isinstance(scenes, Iterable):
+        raise LightdomeError(f"scenes are a list of what write_scenes returns, not {checks.told(scenes)}")
+    scenes = list(scenes)
+    for scene in scenes:
+        checks.instance("each of the scenes", scene, Scene)
+    own = sorted((scene for scene in scenes if scene.version == pbrt.version), key=lambda scene: scene.spp)
+    return ((scene.spp, render_scene(pbrt, scene, timeout)) for scene in own)
 
 
 def render_scene(pbrt: Pbrt, scene: Scene, timeout: float | None = None) -> np.ndarray:
@@ -240,9 +275,12 @@ def render_scene(pbrt: Pbrt, scene: Scene, timeout: float | None = None) -> np.n
     ``timeout`` is in seconds; by default some hundred times what the image should need. Raises
     :class:`LightdomeError` where PBRT does not start, fails, takes longer, or leaves no good image.
     """
+    checks.instance("the program", pbrt, Pbrt)
+    checks.instance("the scene", scene, Scene)
     size = scene.resolution
     if timeout is None:
         timeout = 300 + 1e-4 * scene.spp * size**2
+    checks.positive("the timeout", timeout)
     by_hand = f"try the scene {scene.path} by hand, {ELSE}"
     with tempfile.TemporaryDirectory(prefix="lightdome-", ignore_cleanup_errors=True) as folder:
         target = Path(folder) / f"image{IMAGE_SUFFIX[pbrt.version]}"
@@ -299,6 +337,7 @@ def _run(command: list[str], timeout: float, progress: Progress | None = None) -
         reader = threading.Thread(target=_collect, args=(process.stdout, output), daemon=True)
         reader.start()
         deadline = time.monotonic() + timeout
+        atexit.register(_kill, process)
         try:
             while True:
                 try:
@@ -311,6 +350,7 @@ def _run(command: list[str], timeout: float, progress: Progress | None = None) -
                         progress.update(_fraction_done(output))
         finally:
             _kill(process)
+            atexit.unregister(_kill)
         # A grandchild that left the session could hold the pipe open for ever.
         reader.join(2.0)
         text = bytes(output).decode("utf-8", "replace")

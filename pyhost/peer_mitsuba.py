@@ -37,6 +37,7 @@ import numpy as np
 
 from .disc import disc_mask
 from .errors import LightdomeError
+from .interrupts import Unheard
 
 VARIANTS = ("scalar_rgb", "llvm_ad_rgb")
 MIN_LLVM = 17
@@ -75,7 +76,8 @@ class Mitsuba:
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = context.Pipe()
         self._process = context.Process(target=_work, args=(theirs, variant), daemon=True)
-        self._process.start()
+        with Unheard():  # Ctrl-C goes to the whole group
+            self._process.start()
         theirs.close()
         self._stop = weakref.finalize(self, _stop, self._process, self._connection)
         with contextlib.suppress(OSError):  # a process that has ended says why below
@@ -137,7 +139,7 @@ def _work(connection: Connection, variant: str) -> None:
                 connection.send(_draw(bitmap, resolution, spp, seed))
             except Exception as error:
                 connection.send(_line(error))
-    except (EOFError, OSError, KeyboardInterrupt):
+    except (EOFError, OSError):
         return  # the other side has gone
 
 

@@ -16,9 +16,11 @@ from typing import Any
 import numpy as np
 
 from . import reference
+from .checks import made
 from .disc import disc_mask
 from .envmap import column_angles, row_angles, solid_angles
 from .errors import LightdomeError
+from .interrupts import Unheard
 from .peer_mitsuba import MIN_LLVM, installed
 from .peers import INSTALL
 from .samples import Samples
@@ -40,7 +42,9 @@ class Mitsuba:
     def call(self, function: Any, *arguments: object) -> Any:
         """``function(*arguments)`` in the process; a failure there is one line here."""
         try:
-            return self._pool.submit(function, *arguments).result(TIMEOUT)
+            with Unheard():  # the first call starts the process, and Ctrl-C goes to the whole group
+                answer = self._pool.submit(function, *arguments)
+            return answer.result(TIMEOUT)
         except BrokenProcessPool:
             raise LightdomeError("Mitsuba's process ended; its LLVM may not fit this machine") from None
         except LightdomeError:
@@ -95,12 +99,13 @@ class MitsubaSampler:
             ],
             axis=1,
         )
-        return Samples(
-            direction.astype(np.float32),
-            self._radiance[y, x],
-            p,
-            np.stack([x, y], axis=1).astype(np.int32),
-            (height, width),
+        return made(  # unchecked: whether they are right is the question
+            Samples,
+            direction=direction.astype(np.float32),
+            radiance=self._radiance[y, x],
+            probability=p,
+            pixel=np.stack([x, y], axis=1).astype(np.int32),
+            map_shape=(height, width),
         )
 
     def image(self, samples: Samples, resolution: int) -> np.ndarray:

@@ -9,7 +9,10 @@ clock, so that start-up and compilation stay apart; ``found.about`` says what ea
 there, or fails when it is tried, is absent: nothing is guessed.
 
 numpy shares samples among all pixels like lightdome's own shared methods; Mitsuba and PBRT draw samples a
-pixel. See :mod:`lightdome.peer_numpy`, :mod:`lightdome.peer_mitsuba`, :mod:`lightdome.peer_pbrt`.
+pixel. numpy takes a pixel of the map for the direction of its centre. PBRT-v4 has a square whose texels, areas
+of constant radiance, share out the flux of the map's pixels; PBRT-v3 and Mitsuba interpolate between pixels. So
+neither exact image is quite what these three converge to. That of areas is the nearer one, which they are
+measured against. See :mod:`lightdome.peer_numpy`, :mod:`lightdome.peer_mitsuba`, :mod:`lightdome.peer_pbrt`.
 """
 
 from __future__ import annotations
@@ -23,11 +26,11 @@ import numpy as np
 from . import peer_mitsuba, peer_numpy
 from .benchmark import Method
 from .envmap import EnvironmentMap
-from .errors import LightdomeError
+from .errors import LightdomeError, shown
 from .peer_pbrt import PbrtPeer
 
 NAMES = ("numpy", "mitsuba", "pbrt")
-INSTALL = "pip install lightdome[peers]"
+INSTALL = "pip install 'lightdome[peers]'"
 
 Timed = Callable[[int, int, int], tuple[np.ndarray, dict[str, float]]]  # (resolution, count, seed) -> image, stages
 
@@ -51,7 +54,7 @@ def find(names: Sequence[str], envmap: EnvironmentMap, resolution: int = 511, pb
         raise ValueError(f"unknown peer {sorted(unknown)[0]!r}; there is {', '.join(NAMES)}")
     peers = Peers()
     if "numpy" in names:
-        peers.methods["numpy"] = _method("numpy", "shared", _numpy(envmap), resolution)
+        peers.methods["numpy"] = _method("numpy", "shared", _numpy(envmap), resolution, areas=False)
         peers.about["numpy"] = {"numpy": np.__version__, "time": "from the map in memory to the image in memory"}
     if "mitsuba" in names:
         _find_mitsuba(peers, envmap, resolution)
@@ -61,7 +64,7 @@ def find(names: Sequence[str], envmap: EnvironmentMap, resolution: int = 511, pb
     return peers
 
 
-def _method(name: str, kind: str, run: Timed, resolution: int, random: bool = True) -> Method:
+def _method(name: str, kind: str, run: Timed, resolution: int, random: bool = True, areas: bool = True) -> Method:
     """A method that remembers its last run's stages: they are its clock."""
     stages: dict[str, float] = {}
 
@@ -71,7 +74,8 @@ def _method(name: str, kind: str, run: Timed, resolution: int, random: bool = Tr
         stages.update(seconds)
         return image
 
-    return Method(name, kind, timed, random=random, peer=True, clock=lambda: dict(stages))
+    pixels = "areas" if areas else "centres"
+    return Method(name, kind, timed, random=random, pixels=pixels, peer=True, clock=lambda: dict(stages))
 
 
 def _numpy(envmap: EnvironmentMap) -> Timed:
@@ -106,7 +110,7 @@ def _find_pbrt(peers: Peers, envmap: EnvironmentMap, resolution: int, path: str 
         return
     name = f"pbrt-v{pbrt.program.version}"
     if name in peers.methods:
-        name = f"{name} {pbrt.program.path}"
+        name = f"{name} {shown(pbrt.program.path)}"
     # Version 3 has no seed: a second run is the first once more.
     peers.methods[name] = _method(name, "per pixel", pbrt.render, resolution, random=pbrt.program.version > 3)
     peers.about[name] = {

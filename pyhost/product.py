@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import buffers
+from . import buffers, checks
 from .buffers import DeviceArray
 from .device import Device
+from .disc import check_resolution
 from .distribution import Distribution
 
 CELLS = (64, 32)  # most cells across and down the map
@@ -46,7 +47,12 @@ class ProductCDFs:
 
 
 def build_product_cdfs(distribution: Distribution, resolution: int) -> ProductCDFs:
-    """The CDFs for the image of ``resolution`` x ``resolution`` pixels under a map that is not black."""
+    """The CDFs for the image of ``resolution`` x ``resolution`` pixels under a map that is not black.
+
+    Raises :class:`LightdomeError` for a resolution outside 1 to 16384.
+    """
+    checks.instance("the distribution", distribution, Distribution)
+    resolution = check_resolution(resolution)
     device, envmap = distribution.device, distribution.envmap
     cell_size = -(-envmap.width // CELLS[0]), -(-envmap.height // CELLS[1])
     across, down = -(-envmap.width // cell_size[0]), -(-envmap.height // cell_size[1])

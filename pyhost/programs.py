@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import warnings
 from importlib import resources
@@ -47,12 +48,35 @@ def _random123(included: str) -> tuple[Traversable, str]:
     return resources.files("pyopencl") / "cl" / folder, file
 
 
+def check_process(opened_by: int) -> None:
+    """Raise :class:`LightdomeError` in another process than ``opened_by``: a fork has none of OpenCL's threads."""
+    if os.getpid() != opened_by:
+        raise LightdomeError(
+            "this process was forked from one that had opened an OpenCL device, and no device works in a fork; start"
+            " processes with multiprocessing.get_context('spawn'), and open the device in each of them"
+        )
+
+
+class Kernel:
+    """A kernel of a program, to be called as pyopencl's own is, in the process that opened its device."""
+
+    def __init__(self, kernel: cl.Kernel) -> None:
+        self._kernel = kernel
+        self._process = os.getpid()
+
+    def __call__(self, *args: object, **options: object) -> cl.Event:
+        """Run it: queue, global size, local size, and the kernel's arguments."""
+        check_process(self._process)
+        return self._kernel(*args, **options)
+
+
 class Programs:
     """The kernels of one context, built when they are first asked for."""
 
     def __init__(self, context: cl.Context) -> None:
         self._context = context
-        self._kernels: dict[tuple[str, tuple[tuple[str, int], ...]], cl.Kernel] = {}
+        self._kernels: dict[tuple[str, tuple[tuple[str, int], ...]], Kernel] = {}
+        self._process = os.getpid()
 
     @property
     def built(self) -> list[str]:
@@ -64,11 +88,16 @@ class Programs:
         """How many kernels there are."""
         return sum(file.name.endswith(".cl") for file in resources.files("lightdome.clkernels").iterdir())
 
-    def kernel(self, name: str, **defines: int) -> cl.Kernel:
+    def check_process(self) -> None:
+        """Raise :class:`LightdomeError` in a process that was forked from the one that opened the device."""
+        check_process(self._process)
+
+    def kernel(self, name: str, **defines: int) -> Kernel:
         """The kernel ``name`` of ``clkernels/name.cl``, compiled with ``-D`` for each of ``defines``.
 
-        Raises :class:`LightdomeError` if the device's compiler refuses it.
+        Raises :class:`LightdomeError` if the device's compiler refuses it, or in a forked process.
         """
+        self.check_process()
         key = (name, tuple(sorted(defines.items())))
         if key not in self._kernels:
             options = ["-cl-std=CL1.2", *(f"-D{define}={value}" for define, value in key[1])]
@@ -86,5 +115,5 @@ class Programs:
                         f"the OpenCL compiler refuses clkernels/{name}.cl ({one_line(first)});"
                         " choose another device with --device"
                     ) from error
-            self._kernels[key] = getattr(program, name)
+            self._kernels[key] = Kernel(getattr(program, name))
         return self._kernels[key]

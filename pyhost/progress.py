@@ -1,41 +1,69 @@
-"""A progress line on the terminal for work that takes longer than two seconds."""
+"""How far work has come: a bar on a terminal, and where there is none, a line now and then."""
 
 from __future__ import annotations
 
 import sys
 import time
+from typing import ClassVar
 
 PATIENCE = 2.0  # seconds that a person waits without wondering
+LINE_PATIENCE = 5.0  # and that the reader of a pipe, a log or a notebook does
+LINE_PAUSE = 30.0  # seconds between two lines there
 
 
 class Progress:
-    """Shows ``label``, a bar and the time left on standard error.
+    """Shows ``label``, how far the work is and the time left on standard error.
 
-    Nothing is printed before two seconds have passed, nor where standard error is no terminal.
-    Use as a context manager and call :meth:`update` with the fraction done, 0 to 1.
+    On a terminal that is a bar, two seconds after the start; elsewhere it is a line after five seconds and then at
+    most one in 30, whatever works inside what. Use as a context manager and call :meth:`update` with the fraction
+    done, 0 to 1.
     """
+
+    _active: ClassVar[list[Progress]] = []  # the outermost first
+    _last_line: ClassVar[float] = float("-inf")
 
     def __init__(self, label: str) -> None:
         self.label = label
         self._start = time.monotonic()
         self._shown = False
         self._terminal = sys.stderr.isatty()
+        self._fraction = 0.0
 
     def __enter__(self) -> Progress:
+        self._active.append(self)
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._active.remove(self)
         if self._shown:
             sys.stderr.write("\r\x1b[K")
             sys.stderr.flush()
 
     def update(self, fraction: float) -> None:
         """Say that ``fraction`` of the work (0 to 1) is done."""
-        elapsed = time.monotonic() - self._start
-        if not self._terminal or elapsed < PATIENCE:
+        self._fraction = fraction
+        now = time.monotonic()
+        if not self._terminal:
+            self._write_line(now)
+        elif now - self._start >= PATIENCE:
+            filled = int(30 * fraction)
+            bar = "#" * filled + "." * (30 - filled)
+            sys.stderr.write(f"\r\x1b[K{self.label} [{bar}] {self._left(now)}")
+            sys.stderr.flush()
+            self._shown = True
+
+    def _write_line(self, now: float) -> None:
+        outermost = self._active[0] if self._active else self
+        if now - outermost._start < LINE_PATIENCE or now - Progress._last_line < LINE_PAUSE:
             return
-        filled = int(30 * fraction)
-        left = f"{elapsed / fraction - elapsed:.0f} s left" if fraction > 0 else ""
-        sys.stderr.write(f"\r\x1b[K{self.label} [{'#' * filled}{'.' * (30 - filled)}] {left}")
-        sys.stderr.flush()
-        self._shown = True
+        Progress._last_line = now
+        print("; ".join(p._state(now) for p in self._active or [self]), file=sys.stderr, flush=True)
+
+    def _state(self, now: float) -> str:
+        if self._fraction > 0:
+            return f"{self.label}: {100 * self._fraction:.0f} %, {self._left(now)}"
+        return f"{self.label}: {now - self._start:.0f} s so far"
+
+    def _left(self, now: float) -> str:
+        elapsed = now - self._start
+        return f"{elapsed / self._fraction - elapsed:.0f} s left" if self._fraction > 0 else ""

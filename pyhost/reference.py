@@ -11,6 +11,8 @@ from decimal import Decimal, localcontext
 
 import numpy as np
 
+from .errors import LightdomeError
+
 
 def angles(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
     """(theta, phi) of all pixel centres, each (H, W), radians."""
@@ -91,8 +93,47 @@ def exact(radiance: np.ndarray, normal: np.ndarray, albedo: float = 1.0) -> np.n
     return albedo / np.pi * result
 
 
+def exact_areas(radiance: np.ndarray, normal: np.ndarray, albedo: float = 1.0, nodes: int = 16) -> np.ndarray:
+    """Radiance of a diffuse surface with normals (M, 3) under a map whose pixels are areas, (M, 3).
+
+    Gauss-Legendre quadrature over theta with ``nodes`` between any two angles where the integrand has a kink: rows'
+    edges, where the horizon crosses a column's edge, and its highest and lowest point. Over phi it is exact: on a
+    latitude, n . w = a cos(phi - phi_n) + b is above 0 on one arc.
+    """
+    height, width = radiance.shape[:2]
+    edge = 2 * np.pi * np.arange(width + 1) / width
+    x, weight = np.polynomial.legendre.leggauss(nodes)
+    lit = np.flatnonzero(radiance.any(axis=(1, 2)))
+    result = np.zeros((len(normal), 3))
+    for i, (n_x, n_y, n_z) in enumerate(np.asarray(normal, np.float64)):
+        s, phi = np.hypot(n_x, n_z), np.arctan2(n_z, n_x)
+        crossings = np.arctan2(n_y, -s * np.cos(np.concatenate([edge - phi, [0, np.pi]]))) % np.pi
+        kinks = np.unique(np.concatenate([np.pi * np.arange(height + 1) / height, crossings]))
+        middle, half = (kinks[1:] + kinks[:-1]) / 2, (kinks[1:] - kinks[:-1]) / 2
+        row = np.minimum((middle / np.pi * height).astype(int), height - 1)
+        used = np.isin(row, lit)
+        middle, half, row = middle[used, None], half[used, None], row[used]
+        # theta = middle + half sin(pi x / 2): roots at the ends of an interval become smooth.
+        theta = middle + half * np.sin(np.pi / 2 * x)
+        d_theta = half * np.pi / 2 * np.cos(np.pi / 2 * x) * weight
+        a, b = (s * np.sin(theta))[..., None], (n_y * np.cos(theta))[..., None]
+        arc = np.arccos(np.clip(-b / a, -1, 1))
+        turns, azimuth = np.divmod(edge - phi + np.pi, 2 * np.pi)
+        end = np.clip(azimuth - np.pi, -arc, arc)
+        sums = a * np.sin(end) + b * end + 2 * turns * (a * np.sin(arc) + b * arc)
+        of_columns = np.einsum("kq,kqw->kw", np.sin(theta) * d_theta, np.diff(sums, axis=-1))
+        result[i] = np.einsum("kw,kwc->c", of_columns, radiance[row].astype(np.float64))
+    return albedo / np.pi * result
+
+
 def relative_rmse(image: np.ndarray, reference: np.ndarray) -> float:
-    """sqrt(mean((image - reference)^2)) / sqrt(mean(reference^2)) over the disc of (R, R, 3) images."""
+    """sqrt(mean((image - reference)^2)) / sqrt(mean(reference^2)) over the disc of (R, R, 3) images.
+
+    Raises :class:`LightdomeError` for images of other shapes, or of two sizes.
+    """
+    shape = np.shape(image)
+    if shape != np.shape(reference) or shape != (*shape[:1] * 2, 3):
+        raise LightdomeError(f"two images of shape (R, R, 3) are compared, not {shape} and {np.shape(reference)}")
     inside = ~np.isnan(normals(len(image))[..., 0])
     difference = image[inside].astype(np.float64) - reference[inside]
     return float(np.sqrt((difference**2).mean() / (reference[inside].astype(np.float64) ** 2).mean()))

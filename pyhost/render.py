@@ -9,9 +9,10 @@ Four estimators, all unbiased. What a sample a pixel of each is:
   a few milliseconds, and for no surface but a diffuse one
 
 The error of N independent points falls as 1 / sqrt(N), that of Sobol points faster. ``light`` and
-``product`` look at the centres of pixels like the samples of part 2 and converge to
+``product`` look at the centres of the map's pixels like the samples of part 2, and converge to
 :func:`lightdome.exact`; ``bsdf`` and ``mis`` see pixels as areas of constant radiance, and converge to
-less than it by a part of about (pi / H)^2 / 8, 5e-6 for H = 512 rows.
+``exact(..., pixels="areas")``. The two differ most beside the shadow's edge of a single bright pixel, in both
+directions, by a part of the image's maximum that falls as 1 / H.
 
 Kernels: ``render.cl``, ``render_product.cl``. Source: Veach, thesis (1997), chapter 9; Pharr, Jakob,
 Humphreys, Physically Based Rendering, 4th ed., 2.2 and 13.2; Karlik et al., MIS Compensation (2019).
@@ -21,17 +22,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from . import buffers
-from .disc import check_resolution, disc_tiles
+from . import buffers, checks
+from .disc import check_resolution, disc_tiles, note_tiles
 from .distribution import Distribution, build_cdfs, philox_key
 from .envmap import row_angles
 from .errors import LightdomeError
 from .float_range import to_float32
 from .guide import build_guide
+from .names import ESTIMATORS as ESTIMATORS
+from .names import PIXEL_SEQUENCES as SEQUENCES
 from .product import ProductCDFs, build_product_cdfs
 from .progress import Progress
 
@@ -43,8 +46,13 @@ if TYPE_CHECKING:
 SAMPLES_A_LAUNCH = 2**25  # pixels x spp between two updates of the progress line
 PIXELS_A_BLOCK = 128  # that a work-item of a CPU renders side by side
 SAMPLES_A_SUM = 128  # spp that a launch sums in single precision; the sum over launches is in double words
-ESTIMATORS = ("light", "bsdf", "mis", "product")
-SEQUENCES = ("independent", "sobol")
+# What an estimator takes the map's pixels for, and so which exact image it converges to.
+PIXELS_OF: dict[str, Literal["centres", "areas"]] = {
+    "light": "centres",
+    "bsdf": "areas",
+    "mis": "areas",
+    "product": "centres",
+}
 
 
 def render(
@@ -67,36 +75,52 @@ def render(
 
     An image of more samples continues the one of fewer, so all cost as much as the largest. A black map
     gives black. Raises :class:`LightdomeError` for a resolution or a number of samples out of range, for
-    unknown names, and for compensation without ``mis``.
+    an albedo that is negative or not finite, for unknown names, and for compensation without ``mis``.
     """
-    check_resolution(resolution)
-    if not spp or min(spp) < 1 or max(spp) >= 2**31:
-        raise LightdomeError(f"samples a pixel are from 1 to 2147483647, not {list(spp)}")
-    if estimator not in ESTIMATORS:
-        raise LightdomeError(f"unknown estimator {estimator!r}; there is {', '.join(ESTIMATORS)}")
-    if sequence not in SEQUENCES:
-        raise LightdomeError(f"unknown sequence {sequence!r} to render with; there is {', '.join(SEQUENCES)}")
+    checks.instance("the distribution", distribution, Distribution)
+    resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
+    spp = sorted(set(checks.wholes("samples a pixel", spp, 1, 2**31 - 1)))
+    checks.choice("estimator", estimator, ESTIMATORS)
+    checks.choice("sequence", sequence, SEQUENCES)
     if mis_compensation and estimator != "mis":
         raise LightdomeError(f"MIS compensation is for the estimator 'mis', not {estimator!r}")
     key = philox_key(seed)
-    spp = sorted(set(spp))
+    return _images(distribution, spp, resolution, albedo, key, estimator, sequence, mis_compensation)
+
+
+def _images(
+    distribution: Distribution,
+    spp: Sequence[int],
+    resolution: int,
+    albedo: float,
+    key: np.ndarray,
+    estimator: str,
+    sequence: str,
+    mis_compensation: bool,
+) -> Iterator[tuple[int, np.ndarray]]:
+    device = distribution.device
     if distribution.total == 0:
+        device.decisions.skip("rendering", "the map is black, and so is the image")
         yield from _black(spp, resolution)
         return
 
-    device = distribution.device
-    device.omit("code of other estimators and sequences", f"{estimator} and {sequence} are built alone")
+    device.decisions.skip("code of other estimators and sequences", f"{estimator} and {sequence} are built alone")
     # First, as the largest: what a device has no room for fails at once.
     total = buffers.zeros(device, (2, resolution, resolution, 3), np.float32)
     disc = disc_tiles(resolution, 1, 1)
+    note_tiles(device.decisions, disc, resolution, 1, 1)
     defines = {f"SEQUENCE_{sequence.upper()}": 1}
     if distribution.envmap.is_grey:
-        device.omit("two channels of three", "the map is grey")
+        device.decisions.skip("separate channels", "the map is grey")
         defines["GREY"] = 1
+    else:
+        device.decisions.use("separate channels", "the map is in colour")
     if estimator == "product":
         cdfs = build_product_cdfs(distribution, resolution)
         disc = cdfs.lit(device, disc)
+        device.decisions.skip("guide tables", "tables of light times cosine are searched instead")
         if len(disc) == 0:
+            device.decisions.skip("rendering", "no light of the map falls on what the camera sees")
             yield from _black(spp, resolution)
             return
         launch = _product_launch(distribution, cdfs, disc, defines)
@@ -142,8 +166,9 @@ def _launch(
     flux = 3 * distribution.flux * (total / distribution.total)
     of_light: tuple[object, ...] = ()
     if "ESTIMATOR_BSDF" in defines:
-        device.omit("guide tables", "directions of the cosine need no search")
+        device.decisions.skip("guide tables", "directions of the cosine need no search")
     else:
+        device.decisions.use("guide tables", "every sample of every pixel searches the map")
         guide = guide or distribution.guide
         edge = np.cos(np.pi / envmap.height * np.arange(envmap.height + 1)).astype(np.float32)
         angles = (distribution.theta.buffer, distribution.phi.buffer, buffers.upload(device, edge).buffer)

@@ -18,6 +18,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from . import plotting  # noqa: F401 - first: it imports matplotlib
+
+# isort: split
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
@@ -64,11 +68,15 @@ def require_typst() -> None:
 
 @dataclass(frozen=True)
 class Images:
-    """The sphere, (R, R, 3) radiance each: by its samples shared by all pixels, by its samples a pixel, and exact."""
+    """The sphere, (R, R, 3) radiance each: by its samples shared by all pixels, by its samples a pixel, and exact.
+
+    ``exact_per_pixel`` is what the samples a pixel converge to: PBRT sees a map's pixels as areas.
+    """
 
     shared: Mapping[int, np.ndarray]
     per_pixel: Mapping[int, np.ndarray]
     exact: np.ndarray
+    exact_per_pixel: np.ndarray
 
     def named(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """The shared and the per-pixel images by the names that figures and tables give them."""
@@ -82,25 +90,28 @@ class Images:
         shared, per_pixel = self.named()
 
         def distance(pair: tuple[tuple[str, np.ndarray], tuple[str, np.ndarray]]) -> float:
-            a, b = (left_after_averaging(image, self.exact, 1) for _, image in pair)
+            exact = (self.exact, self.exact_per_pixel)
+            a, b = (left_after_averaging(image, own, 1) for (_, image), own in zip(pair, exact, strict=True))
             return max(a, b) / max(min(a, b), 1e-9)
 
         return min(((a, b) for a in shared.items() for b in per_pixel.items()), key=distance)
 
 
 def load_images(device: Device, envmap: EnvironmentMap, results: Results) -> Images:
-    """The images of parts 3 and 4, and the exact one.
+    """The images of parts 3 and 4, and the exact ones.
 
     Raises :class:`LightdomeError` if one cannot be read, or is black.
     """
     counts, spp = _options(results, "part2", "counts"), _options(results, "part4", "spp")
-    exact = exact_kept(device, envmap, _options(results, "part3", "resolution"))
+    resolution = _options(results, "part3", "resolution")
+    exact = exact_kept(device, envmap, resolution)
     if not exact.any():
         raise LightdomeError("no light of this map falls on the side of the sphere that is seen; use another map")
     return Images(
         {n: read_image(results.folders["part3"] / f"sphere_{n}.pfm") for n in sorted(counts)},
         {n: read_image(results.folders["part4"] / f"sphere_{n}spp.pfm") for n in sorted(spp)},
         exact,
+        exact_kept(device, envmap, resolution, "areas") if results.settings["part4"]["pbrt"] else exact,
     )
 
 
@@ -148,9 +159,9 @@ def _draw(device: Device, envmap: EnvironmentMap, results: Results, images: Imag
     figures: dict[str, Callable[[], Figure]] = {
         "cdfs": lambda: report_figures.cdfs(build_distribution(device, envmap)),
         "shared": lambda: benchmark_plot.images(shared, images.exact, ""),
-        "per_pixel": lambda: benchmark_plot.images(per_pixel, images.exact, ""),
-        "bias_and_noise": lambda: report_figures.bias_and_noise(*images.alike(), images.exact),
-        "averaging": lambda: report_figures.averaging(shared, per_pixel, images.exact),
+        "per_pixel": lambda: benchmark_plot.images(per_pixel, images.exact_per_pixel, ""),
+        "bias_and_noise": lambda: report_figures.bias_and_noise(*images.alike(), images.exact, images.exact_per_pixel),
+        "averaging": lambda: report_figures.averaging(shared, per_pixel, images.exact, images.exact_per_pixel),
         "error_time": lambda: report_figures.for_a_column(benchmark_plot.error_against_time(points, ""), 5.6),
         "error_count": lambda: report_figures.for_a_column(benchmark_plot.error_against_count(points, ""), 3.8),
     }
@@ -185,11 +196,13 @@ def numbers(envmap: EnvironmentMap, map_name: str, results: Results, images: Ima
         "renderer": results.settings["part4"]["pbrt"],
         "drawn": [_drawn(s) for s in samples],
         "shared": [[str(n), *_errors(image, images.exact)] for n, image in images.shared.items()],
-        "per_pixel": [[str(n), *_errors(image, images.exact)] for n, image in images.per_pixel.items()],
+        "per_pixel": [[str(n), *_errors(image, images.exact_per_pixel)] for n, image in images.per_pixel.items()],
         "pair": [name for name, _ in images.alike()],
         "averaged": AVERAGED,
         "averaging": [
-            [name, *_averaged(image, images.exact)] for of_kind in images.named() for name, image in of_kind.items()
+            [name, *_averaged(image, exact)]
+            for of_kind, exact in zip(images.named(), (images.exact, images.exact_per_pixel), strict=True)
+            for name, image in of_kind.items()
         ],
         "seeds": _seeds(points),
         "cheapest": _cheapest(points),

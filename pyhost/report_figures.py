@@ -10,8 +10,11 @@ from collections.abc import Mapping
 from itertools import cycle
 from pathlib import Path
 
-import matplotlib
 import numpy as np
+
+from . import plotting  # first: it imports matplotlib
+
+# isort: split
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
@@ -31,10 +34,11 @@ SVG = {"svg.hashsalt": "lightdome"}  # without a salt of its own the file would 
 
 def save(figure: Figure, path: Path) -> None:
     """Write the figure as SVG; the same figure gives the same bytes."""
-    with replacing(path) as temporary, matplotlib.rc_context(SVG):
+    with replacing(path) as temporary, plotting.plain(**SVG):
         figure.savefig(temporary, format="svg", dpi=DPI, metadata={"Date": None})
 
 
+@plotting.plain()
 def cdfs(distribution: Distribution) -> Figure:
     """The map beside the CDF over its rows, and the CDF of every row as a picture beside three of them as curves."""
     radiance = distribution.envmap.radiance
@@ -76,11 +80,21 @@ def _unit(cdf: np.ndarray) -> np.ndarray:
     return cdf / np.maximum(cdf[:, -1:], 1).astype(np.float64)
 
 
-def bias_and_noise(shared: tuple[str, np.ndarray], per_pixel: tuple[str, np.ndarray], exact: np.ndarray) -> Figure:
-    """Two images of similar error: where each is too bright or too dark, and their middle rows beside the exact one."""
+@plotting.plain()
+def bias_and_noise(
+    shared: tuple[str, np.ndarray],
+    per_pixel: tuple[str, np.ndarray],
+    exact: np.ndarray,
+    exact_per_pixel: np.ndarray | None = None,
+) -> Figure:
+    """Two images of similar error: where each is too bright or too dark, and their middle rows beside the exact one.
+
+    ``exact_per_pixel`` is the exact image of ``per_pixel``, if it is another.
+    """
     mask = disc_mask(len(exact))
     mean = exact[mask].mean(dtype=np.float64)
-    signed = {name: _grey(image - exact) / mean for name, image in (shared, per_pixel)}
+    own = exact if exact_per_pixel is None else exact_per_pixel
+    signed = {name: _grey(image - e) / mean for (name, image), e in ((shared, exact), (per_pixel, own))}
     limit = max(np.percentile(np.abs(d[mask]), 98) for d in signed.values()) or 1.0
     norm = Normalize(-100 * limit, 100 * limit)
 
@@ -128,14 +142,24 @@ def left_after_averaging(image: np.ndarray, exact: np.ndarray, side: int) -> flo
     return float(np.sqrt(((squares(image) - truth) ** 2).mean() / (truth**2).mean()))
 
 
-def averaging(shared: Mapping[str, np.ndarray], per_pixel: Mapping[str, np.ndarray], exact: np.ndarray) -> Figure:
-    """Log-log: the error left over the side of the squares averaged over. Noise falls, a common error stays."""
+@plotting.plain()
+def averaging(
+    shared: Mapping[str, np.ndarray],
+    per_pixel: Mapping[str, np.ndarray],
+    exact: np.ndarray,
+    exact_per_pixel: np.ndarray | None = None,
+) -> Figure:
+    """Log-log: the error left over the side of the squares averaged over. Noise falls, a common error stays.
+
+    ``exact_per_pixel`` is the exact image of ``per_pixel``, if it is another.
+    """
     figure = Figure(figsize=(9, 3.8), layout="constrained")
     axes = figure.add_subplot()
     markers = cycle(MARKERS)
-    for images, colour, style in ((shared, BLUE, "-"), (per_pixel, VERMILLION, "--")):
+    own = exact if exact_per_pixel is None else exact_per_pixel
+    for images, truth, colour, style in ((shared, exact, BLUE, "-"), (per_pixel, own, VERMILLION, "--")):
         for name, image in images.items():
-            left = [100 * left_after_averaging(image, exact, side) for side in SIDES]
+            left = [100 * left_after_averaging(image, truth, side) for side in SIDES]
             axes.plot(SIDES, left, color=colour, linestyle=style, marker=next(markers), markersize=5, label=name)
     # How the error of independent pixels falls, from where the last line begins.
     axes.plot(SIDES, [left[0] / side for side in SIDES], color="0.6", linestyle=":", label="1 / side")

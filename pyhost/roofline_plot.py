@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+
+from . import plotting  # first: it imports matplotlib
+
+# isort: split
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -28,6 +32,7 @@ def _styles(points: Sequence[Measurement]) -> dict[str, dict[str, object]]:
     }
 
 
+@plotting.plain()
 def roofline(points: Sequence[Measurement], limits: Limits, title: str) -> Figure:
     """Operations a second against operations a byte, log-log: a mark for a stage's longest run, small ones for others.
 
@@ -103,6 +108,7 @@ def _size(point: Measurement) -> str:
     return ", ".join(parts)
 
 
+@plotting.plain()
 def scaling(points: Sequence[Measurement], title: str) -> Figure:
     """Time and peak memory against the size of the map, of the image, and N; fitted exponents in the legends."""
     styles = _styles(points)

@@ -6,19 +6,20 @@ import warnings
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 
-from . import __version__
+from . import __version__, checks
 from .envmap import column_angles, row_angles, solid_angles
 from .errors import LightdomeError, one_line
 from .files import replacing
+from .names import SEQUENCES as SEQUENCES
 
 MAX_SAMPLES = 2**27  # what a file may hold; 44 bytes each
 MAX_INFLATION = 64  # `save` packs nothing; what others packed is far from this, but a bomb is not
-SEQUENCES = ("independent", "stratified", "sobol", "r2")
+MAX_SIDE = 2**20  # of a map
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,9 @@ class Samples:
     - ``probability``: (N,) float32, the discrete p(x, y) of the chosen pixels
     - ``pixel``: (N, 2) int32, (x, y)
     - ``sequence``, ``seed``, ``version``: what drew them; the same three draw them again
+
+    The arrays are read-only. ``Samples(...)`` copies them and raises :class:`LightdomeError` where they contradict
+    each other.
     """
 
     direction: np.ndarray
@@ -40,6 +44,28 @@ class Samples:
     sequence: str = "independent"
     seed: int = 0
     version: str = __version__
+
+    def __post_init__(self) -> None:
+        pixel = checks.array("pixel", self.pixel, ("N", 2))
+        if pixel.dtype.kind == "f":
+            raise LightdomeError(f"pixel is an array of whole numbers, not of {pixel.dtype}")
+        counts = [len(pixel)]
+        for name in ("direction", "radiance", "probability"):
+            array = checks.array(name, getattr(self, name), _FORMAT[name][1], np.float32, own=True)
+            object.__setattr__(self, name, array)
+            counts.append(len(array))
+        if min(counts) < max(counts) or counts[0] == 0:
+            raise LightdomeError(f"samples are one or more, and as many in each of their arrays, not {counts}")
+        shape = tuple(checks.wholes("map_shape", self.map_shape, 1, MAX_SIDE))
+        if len(shape) != 2:
+            raise LightdomeError(f"map_shape is (height, width), not {checks.told(self.map_shape)}")
+        object.__setattr__(self, "map_shape", shape)
+        object.__setattr__(self, "seed", checks.whole("a seed", self.seed, 0, 2**64 - 1))
+        for name in ("sequence", "version"):
+            if not isinstance(getattr(self, name), str):
+                raise LightdomeError(f"{name} is a text, not {checks.told(getattr(self, name))}")
+        _check("samples", self)
+        object.__setattr__(self, "pixel", checks.array("pixel", pixel, ("N", 2), np.int32, own=True))
 
     def __len__(self) -> int:
         return len(self.probability)
@@ -58,11 +84,15 @@ class Samples:
         return self.radiance / (len(self) * self.density[:, None])
 
     def save(self, path: str | Path) -> None:
-        """Write the samples as ``.npz``; the file appears only when it is complete."""
+        """Write the samples as ``.npz``; the file appears only when it is complete.
+
+        Raises :class:`LightdomeError` where it cannot be written, and for more than 2^27, which :meth:`load` refuses.
+        """
+        check_count(len(self))
         arrays = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
         arrays["map_shape"] = np.asarray(self.map_shape, dtype=np.int32)
         arrays["seed"] = np.asarray(self.seed, dtype=np.uint64)
-        with replacing(path) as temporary:
+        with replacing(checks.path(path)) as temporary:
             np.savez(temporary, **arrays)
 
     @classmethod
@@ -72,13 +102,14 @@ class Samples:
         Raises :class:`LightdomeError` for a file that is missing, damaged, of another kind, or whose
         arrays contradict each other.
         """
-        path = Path(path)
+        path = checks.path(path)
         arrays = _arrays(path)
         with np.errstate(over="ignore"):  # what a float32 cannot hold is refused as infinite or zero
             direction, radiance, probability = (
                 arrays[name].astype(np.float32, copy=False) for name in ("direction", "radiance", "probability")
             )
-        result = cls(
+        result = checks.made(
+            cls,
             direction=direction,
             radiance=radiance,
             probability=probability,
@@ -89,7 +120,13 @@ class Samples:
             version=str(arrays["version"]),
         )
         _check(path, result)
-        return replace(result, pixel=result.pixel.astype(np.int32, copy=False))
+        return checks.made(cls, **{**vars(result), "pixel": result.pixel.astype(np.int32, copy=False)})
+
+
+def check_count(count: int) -> None:
+    """Raise :class:`LightdomeError` for more samples than :meth:`Samples.load` would read."""
+    if count > MAX_SAMPLES:
+        raise LightdomeError(f"a file holds up to {MAX_SAMPLES} samples, not {count}; use fewer samples")
 
 
 # What a file must hold: kinds of its type, and shape with N for the number of samples.
@@ -162,7 +199,7 @@ def _shape(wanted: tuple[object, ...]) -> str:
     return "(" + ", ".join(str(n) for n in wanted) + ("," if len(wanted) == 1 else "") + ")"
 
 
-def _check(path: Path, samples: Samples) -> None:
+def _check(path: Path | str, samples: Samples) -> None:
     """Refuse samples that contradict each other; each message names the first that does."""
 
     def refuse(bad: np.ndarray, what: str) -> None:
@@ -170,7 +207,7 @@ def _check(path: Path, samples: Samples) -> None:
             raise LightdomeError(f"{path}: {what} (sample {int(np.argmax(bad))})")
 
     height, width = samples.map_shape
-    if not (0 < height <= 2**20 and 0 < width <= 2**20):
+    if not (0 < height <= MAX_SIDE and 0 < width <= MAX_SIDE):
         raise LightdomeError(f"{path}: map_shape is {height} x {width}, which is no map")
     x, y = samples.pixel[:, 0].astype(np.int64), samples.pixel[:, 1].astype(np.int64)
     refuse((x < 0) | (x >= width) | (y < 0) | (y >= height), "a pixel lies outside the map")

@@ -19,6 +19,7 @@ from typing import Protocol
 import numpy as np
 
 from . import buffers, reference
+from .checks import made
 from .device import Device
 from .disc import disc_mask
 from .distribution import Distribution, build_distribution
@@ -239,10 +240,8 @@ def measure(sampler: Sampler, truth: Truth, draws: int) -> Figures:
         index = samples.pixel[:, 1].astype(np.int64) * width + samples.pixel[:, 0]
         seen += np.bincount(index // pixels_a_bin, minlength=bins)
         if begin == 0:
-            few = replace(
-                samples,
-                **{n: getattr(samples, n)[:SHADED] for n in ("direction", "radiance", "probability", "pixel")},
-            )
+            first = {n: getattr(samples, n)[:SHADED] for n in ("direction", "radiance", "probability", "pixel")}
+            few = made(Samples, **{**vars(samples), **first})
     if (z := chi_square_z(seen, expected)) is not None:
         figures["chi2"] = abs(z)
     figures["flux"] = abs(sampler.flux / truth.flux - 1)

@@ -230,7 +230,7 @@ def one_sample(device: Device, _: int) -> Iterator[Figures]:
 
 
 def furnace(device: Device, _: int) -> Iterator[Figures]:
-    """Even light: `bsdf` gives every pixel the map's colour, `exact` too but for the (pi / H)^2 / 8 of centres."""
+    """Even light: `bsdf` and the exact image of areas give the map's colour, that of centres but for (pi / H)^2 / 8."""
     colour = np.array([0.2, 0.5, 0.9], np.float32)
     for height in (64, 256):
         radiance = even(height, 2 * height) * colour
@@ -239,8 +239,19 @@ def furnace(device: Device, _: int) -> Iterator[Figures]:
         yield image_figures(image, partial(reference.exact, radiance))
         off = np.abs(image[disc_mask(R)] / colour - 1).max()
         yield {"wrong": float(off > (np.pi / height) ** 2 / 8 + 1e-6)}
-        ((_, image),) = render(distribution, [64], R, estimator="bsdf")
-        yield image_figures(image, lambda normals: np.ones_like(normals) * colour.astype(np.float64))
+        ((_, sampled),) = render(distribution, [64], R, estimator="bsdf")
+        for image in (sampled, exact(device, distribution.envmap, R, pixels="areas")):
+            yield image_figures(image, lambda normals: np.ones_like(normals) * colour.astype(np.float64))
+
+
+def areas(device: Device, _: int) -> Iterator[Figures]:
+    """The map's pixels as areas, where centres are far off or the light is stiff, against quadrature."""
+    lamps = np.eye(128, dtype=np.float32)[::18].reshape(-1, 8, 16, 1).repeat(3, axis=3)
+    sun = np.full((16, 32, 3), 1e-12, np.float32)
+    sun[5, 23] = 1
+    for radiance in (*lamps, sun, *of_shapes((1, 1), (1, 40), (3, 5), (40, 1))):
+        image = exact(device, EnvironmentMap(radiance), 11, pixels="areas")
+        yield image_figures(image, partial(reference.exact_areas, radiance))
 
 
 def estimators(maps: Maps, device: Device, _: int) -> Iterator[Figures]:
@@ -382,6 +393,7 @@ CASES: list[Case] = [
     Case("light exactly behind", "rendering", behind),
     Case("light exactly at the rim", "rendering", lights([[1, 0, 0], [0, -1, 0], [0.6, 0.8, 0]])),
     Case("white furnace", "rendering", furnace),
+    Case("the map's pixels as areas", "rendering", areas),
     Case("every estimator on the maps above", "rendering", partial(estimators, _hard)),
     Case("one sun of 1e20: samples are the image", "rendering", one_sun),
     Case("eta 1 - 1e-7, 1, 1 + 1e-7", "Fresnel", reflectance(1 - 1e-7, 1.0, 1 + 1e-7)),

@@ -6,6 +6,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+
+from . import plotting  # first: it imports matplotlib
+
+# isort: split
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -44,6 +48,7 @@ def colour(value: float | None, goal: float) -> np.ndarray:
     return MISSES[0] + min(far, 1.0) * (MISSES[1] - MISSES[0])
 
 
+@plotting.plain()
 def table(results: Sequence[Result], title: str) -> Figure:
     """lightdome's columns, and each peer's beside them."""
     cases = [(r.group, r.case) for r in results if r.judged]

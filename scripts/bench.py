@@ -1,10 +1,13 @@
 #!/usr/bin/env python3
 """Benchmark: how much error does a millisecond buy, and with which method?"""
 
+import _start  # noqa: F401 - before anything else: finds .venv, and hears Ctrl-C
+
+# isort: split
 import argparse
 from dataclasses import asdict
 
-from lightdome import cli
+from lightdome import cli, names
 
 ERRORS = (0.1, 0.03, 0.01, 0.003)
 # Map heights, image resolutions, and samples or lights, of --roofline.
@@ -14,8 +17,8 @@ ROOFLINE_QUICK = (512, 2048), (255, 511), (64, 1024, 65536)
 
 def main() -> None:
     parser = cli.parser(
-        "Measure every method's error and run time on one map, against the exact image.\n\n"
-        "Writes bench.csv, bench.json (errors relative to the exact image, times in seconds) and plots: error against"
+        "Measure every method's error and run time on one map, against the exact image that it converges to.\n\n"
+        "Writes bench.csv, bench.json (errors relative to that image, times in seconds) and plots: error against"
         " time, error against count, stages, images.",
         "scripts/bench.py --quick",
         "out/bench",
@@ -29,7 +32,13 @@ def main() -> None:
         metavar="N",
         help="samples or lights that all pixels share",
     )
-    parser.add_argument("--methods", nargs="+", metavar="NAME", help="methods to measure (default: all)")
+    parser.add_argument(
+        "--methods",
+        nargs="+",
+        choices=names.METHODS,
+        metavar="NAME",
+        help=f"methods to measure (default: all): {', '.join(names.METHODS)}",
+    )
     parser.add_argument(
         "--peers",
         nargs="+",
@@ -38,7 +47,11 @@ def main() -> None:
         help="other programs to measure too (default: none)",
     )
     parser.add_argument(
-        "--pbrt", nargs="+", default=[], metavar="PATH", help="PBRT programs, or their folders (default: pbrt on PATH)"
+        "--pbrt",
+        nargs="+",
+        default=[],
+        metavar="PATH",
+        help="PBRT programs, or their folders, to measure too (default: none; --peers pbrt takes that on PATH)",
     )
     parser.add_argument(
         "--spp", type=cli.positive_int, nargs="+", default=[8, 16, 32, 64], metavar="N", help="samples a pixel"
@@ -46,9 +59,13 @@ def main() -> None:
     parser.add_argument(
         "--resolution", type=cli.positive_int, default=511, metavar="R", help="width and height of the images in pixels"
     )
-    parser.add_argument("--seeds", type=cli.positive_int, default=8, metavar="N", help="seeds for the errors")
-    parser.add_argument("--repeats", type=cli.positive_int, default=5, metavar="N", help="runs for the times")
-    parser.add_argument("--quick", action="store_true", help="smaller image, fewer counts, seeds and repeats: a minute")
+    parser.add_argument("--seeds", type=cli.times, default=8, metavar="N", help="seeds for the errors")
+    parser.add_argument("--repeats", type=cli.times, default=5, metavar="N", help="runs for the times")
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="smaller image, fewer counts, seeds and repeats: under half a minute on two cores",
+    )
     parser.add_argument(
         "--roofline",
         action="store_true",
@@ -57,6 +74,8 @@ def main() -> None:
     )
     cli.device_option(parser)
     args = parser.parse_args()
+    if args.pbrt and "pbrt" not in args.peers:
+        args.peers = [*args.peers, "pbrt"]
     if args.quick:
         for name, value in {"resolution": 255, "seeds": 3, "repeats": 3}.items():
             if getattr(args, name) == parser.get_default(name):
@@ -83,13 +102,13 @@ def run(args: argparse.Namespace) -> None:
     print(f"device: {device.description}")
     print(f"map: {args.map}, {envmap.width} x {envmap.height}")
     methods = benchmark.methods(device, envmap, args.resolution)
-    unknown = set(args.methods or ()) - set(methods)
-    if unknown:
-        raise LightdomeError(f"unknown method {sorted(unknown)[0]!r}; there is {', '.join(methods)}")
     chosen = [method for name, method in methods.items() if not args.methods or name in args.methods]
-    reference = exact_kept(device, envmap, args.resolution)
     found = peers.find(args.peers, envmap, args.resolution, args.pbrt)
     chosen += found.methods.values()
+    references = {
+        pixels: exact_kept(device, envmap, args.resolution, pixels)
+        for pixels in {"centres", *(method.pixels for method in chosen)}
+    }
 
     counts = {"shared": args.counts, "per pixel": args.spp}
     plan = [(method, count) for method in chosen for count in method.counts or sorted(set(counts[method.kind]))]
@@ -99,7 +118,7 @@ def run(args: argparse.Namespace) -> None:
             if method.name in found.absent:
                 continue
             try:
-                points.append(benchmark.measure(method, count, args.seeds, args.repeats, reference))
+                points.append(benchmark.measure(method, count, args.seeds, args.repeats, references[method.pixels]))
             except LightdomeError as error:
                 if not method.peer:
                     raise
@@ -118,13 +137,14 @@ def run(args: argparse.Namespace) -> None:
     benchmark_plot.save(benchmark_plot.error_against_count(points, title), out / "error_count.png")
     benchmark_plot.save(benchmark_plot.stages(points, title), out / "stages.png")
     middle = {kind: sorted(set(of_kind))[len(set(of_kind)) // 2] for kind, of_kind in counts.items()}
-    shown = {
-        f"{m.name} {count}": m.run(count, 0)
-        for m in chosen
-        if m.name != "exact"
-        for count in [2 if m.counts else middle[m.kind]]
-    }
-    benchmark_plot.save(benchmark_plot.images(shown, reference, title), out / "images.png")
+    shown, exact_of = {}, {}
+    for m in chosen:
+        if not m.name.startswith("exact"):
+            count = 2 if m.counts else middle[m.kind]
+            shown[f"{m.name} {count}"] = m.run(count, 0)
+            exact_of[f"{m.name} {count}"] = references[m.pixels]
+    figure = benchmark_plot.images(shown, references["centres"], title, exact_of)
+    benchmark_plot.save(figure, out / "images.png")
 
     print(f"\n{'method':<20}{'count':>7}{'RMSE %':>10}{'spread':>9}{'bias %':>9}{'ms':>10}")
     for p in points:

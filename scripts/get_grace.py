@@ -5,15 +5,23 @@ Standard library only, so that it runs before anything is installed. The file ap
 only when its size and SHA-256 are right; whatever goes wrong, nothing is left behind.
 """
 
-from __future__ import annotations
+import os
+import signal
+
+if __name__ == "__main__":  # before anything else, for Ctrl-C to be heard while the rest is loaded
+
+    def _end(number: int, frame: object) -> None:
+        os._exit(128 + number)
+
+    for _number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(_number) is not signal.SIG_IGN:
+            signal.signal(_number, _end)
 
 import argparse
 import contextlib
 import errno
 import hashlib
 import http.client
-import os
-import signal
 import ssl
 import sys
 import tempfile
@@ -25,6 +33,9 @@ import urllib.request
 from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO, NoReturn
+
+if sys.version_info < (3, 10):  # noqa: UP036 - an older one may well run this
+    import _start  # noqa: F401 - goes on with the Python of .venv
 
 URL = "https://raw.githubusercontent.com/mmp/pbrt-v2/master/scenes/textures/grace_latlong.exr"
 SIZE = 1_726_329
@@ -265,6 +276,8 @@ def main() -> None:
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:  # nohup ignores SIGHUP
             signal.signal(number, _terminated)
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     if hasattr(signal, "SIGALRM"):
         # Looking up a name and reading headers have no bound of their own.
         signal.signal(signal.SIGALRM, _too_late)

@@ -16,28 +16,26 @@ only the sines of the pixel angles are not, and these are rounded to 2^-40. The 
 come out on every machine.
 """
 
-from __future__ import annotations
+import _start  # noqa: F401 - before anything else: finds .venv, and hears Ctrl-C
 
+# isort: split
 import argparse
 import math
-import signal
 import tempfile
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from lightdome.cli import run
 from lightdome.errors import LightdomeError
-from lightdome.files import replacing
+from lightdome.files import replacing, utf8_name
+from lightdome.interrupts import Unheard
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 WIDTH, HEIGHT = 1024, 512
 SUPERSAMPLES = 3  # a side: 9 rays a pixel
@@ -567,7 +565,7 @@ class Chapel:
     patches: list[Patch]
 
     @classmethod
-    def lit(cls) -> Chapel:
+    def lit(cls) -> "Chapel":
         """The chapel with its light."""
         direct = sources()
         return cls(direct + bounced(direct))
@@ -675,13 +673,10 @@ def render_rows(rows: Sequence[int], chapel: Chapel | None = None) -> NDArray[np
 def render() -> NDArray[np.float16]:
     """The whole map, (HEIGHT, WIDTH, 3), on all cores."""
     bands = [range(top, min(top + 8, HEIGHT)) for top in range(0, HEIGHT, 8)]
-    # Ctrl-C goes to the whole group: only this process shall answer it.
-    with ProcessPoolExecutor(initializer=signal.signal, initargs=(signal.SIGINT, signal.SIG_IGN)) as pool:
-        try:
-            return np.concatenate(list(pool.map(render_rows, bands)))
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    with ProcessPoolExecutor() as pool:
+        with Unheard():  # Ctrl-C goes to the whole group: only this process shall answer it
+            rendered = pool.map(render_rows, bands)
+        return np.concatenate(list(rendered))
 
 
 def write(path: Path, pixels: NDArray[np.float16]) -> None:
@@ -692,10 +687,11 @@ def write(path: Path, pixels: NDArray[np.float16]) -> None:
     spec.attribute("compression", "zip:9")
     spec.attribute("DateTime", "")  # or the file would change with every run
     with replacing(path) as temporary:
-        output = oiio.ImageOutput.create(str(temporary))
+        name = utf8_name(temporary)
+        output = oiio.ImageOutput.create(name)
         if output is None:
             raise LightdomeError(f"cannot write {path}: the name must end in .exr")
-        written = output.open(str(temporary), spec) and output.write_image(pixels)
+        written = output.open(name, spec) and output.write_image(pixels)
         if not (output.close() and written):
             raise LightdomeError(f"cannot write {path}: {output.geterror() or 'the writer failed'}")
 
@@ -711,6 +707,7 @@ def main() -> None:
     out: Path = parser.parse_args().out
     if out.suffix.lower() != ".exr":
         parser.error(f"argument --out: {out} does not end in .exr")
+    utf8_name(out)
     try:
         with tempfile.NamedTemporaryFile(dir=out.parent):
             pass  # refuse a place that cannot be written before the work, not after it

@@ -1,13 +1,15 @@
 #!/usr/bin/env python3
 """Part 1: Fresnel reflectance of a dielectric in air, and how close Schlick's approximation comes."""
 
-from __future__ import annotations
+import _start  # noqa: F401 - before anything else: finds .venv, and hears Ctrl-C
 
+# isort: split
 import argparse
 import json
 from dataclasses import asdict
 
 from lightdome import __version__, cli, settings
+from lightdome.errors import exactly
 from lightdome.files import replacing
 from lightdome.fresnel import Summary, summarise
 
@@ -36,7 +38,7 @@ def describe(summary: Summary) -> str:
 
     return "\n".join(
         [
-            f"eta {summary.eta:g}, angles of incidence in degrees",
+            f"eta {exactly(summary.eta)}, angles of incidence in degrees",
             f"  normal incidence   R_p = {summary.normal_reflectance_p:.5g}, R_s = {summary.normal_reflectance_s:.5g}",
             f"  Brewster's angle   {angle(summary.brewster_entering_deg)} entering, "
             f"{angle(summary.brewster_leaving_deg)} leaving",

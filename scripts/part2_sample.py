@@ -1,23 +1,24 @@
 #!/usr/bin/env python3
 """Part 2: draw light directions from an environment map and show where they fell."""
 
-from __future__ import annotations
+import _start  # noqa: F401 - before anything else: finds .venv, and hears Ctrl-C
 
+# isort: split
 import sys
+from argparse import Namespace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lightdome import cli
 from lightdome.errors import LightdomeError
-from lightdome.samples import SEQUENCES
+from lightdome.names import SEQUENCES
+from lightdome.samples import check_count
 
 if TYPE_CHECKING:
-    from argparse import Namespace
-    from pathlib import Path
-
     from lightdome.device import Device
     from lightdome.images import ImageRows
 
-BYTES_A_PIXEL = 90  # of the map in the host's memory, at the peak: tone mapping it for the eye takes most of them
+BYTES_A_PIXEL = 50  # of the map in the host's memory, at the peak: map, CDFs, pictures and marks
 
 
 def main() -> None:
@@ -54,13 +55,14 @@ def main() -> None:
     cli.explain_option(parser)
     args = parser.parse_args()
     args.counts = sorted(set(args.counts))
+    check_count(args.counts[-1])
 
-    out = cli.output_folder(args.out)
+    out = cli.output_folder(args.out, images=not args.samples_only)
 
     from lightdome.device import open_device
     from lightdome.images import ImageRows
 
-    image = ImageRows(args.map)
+    image = ImageRows(args.map, layer=args.layer, flip=args.flip)
     device = open_device(args.device)
     print(f"device: {device.description}")
     print(f"map: {args.map}, {image.width} x {image.height}")
@@ -78,24 +80,37 @@ def main() -> None:
             raise LightdomeError(large) from error
 
 
-def write_samples(args: Namespace, out: Path, image: ImageRows, device: Device) -> None:
+def write_samples(args: Namespace, out: Path, image: "ImageRows", device: "Device") -> None:
     from lightdome import settings
     from lightdome.banded import sample_file
     from lightdome.envmap import shape_note
 
-    if note := shape_note(image.height, image.width):
-        print(note, file=sys.stderr)
+    for note in (*image.notes, shape_note(image.height, image.width)):
+        if note:
+            print(note, file=sys.stderr)
     names = []
-    for samples in sample_file(device, image, args.counts, args.seed, args.sequence, sanitize=args.sanitize):
+    sets = sample_file(
+        device,
+        image,
+        args.counts,
+        args.seed,
+        args.sequence,
+        sanitize=args.sanitize,
+        report=lambda replaced: print(replaced.note, file=sys.stderr),
+    )
+    for samples in sets:
         names.append(f"samples_{len(samples)}.npz")
         samples.save(out / names[-1])
         print(f"wrote {out}/{names[-1]}")
     # The sum of its radiance would take all rows in order, which is not how every file has them.
     of_map = {"width": image.width, "height": image.height, "file_sha256": settings.file_sum(args.map)}
     settings.write(out, settings.settings(device, None, vars(args)) | {"map": of_map}, names)
+    # All counts are drawn in one go.
+    cli.explain(args, f"{', '.join(map(str, args.counts))} samples", device.decisions.take())
+    cli.explain_kernels(args, device)
 
 
-def write_samples_and_pictures(args: Namespace, out: Path, device: Device) -> None:
+def write_samples_and_pictures(args: Namespace, out: Path, device: "Device") -> None:
     from lightdome import settings
     from lightdome.distribution import build_distribution
     from lightdome.images import auto_exposure, tone_map, write_image
@@ -103,6 +118,7 @@ def write_samples_and_pictures(args: Namespace, out: Path, device: Device) -> No
 
     envmap = cli.load_map(args)
     distribution = build_distribution(device, envmap)
+    cli.explain(args, "the map", device.decisions.take())
     exposure = args.exposure or auto_exposure(envmap.radiance)
     picture = tone_map(envmap.radiance, exposure, args.gamma)
 
@@ -120,9 +136,10 @@ def write_samples_and_pictures(args: Namespace, out: Path, device: Device) -> No
             write_image(out / f"em_{count}.{suffix}", marked)
         names += [f"samples_{count}.npz", *(f"em_{count}.{suffix}" for suffix in ("pfm", "ppm", "png"))]
         print(f"wrote {out}/samples_{count}.npz and em_{count}.pfm, .ppm, .png")
+        cli.explain(args, f"{count} samples", device.decisions.take())
     settings.write(out, settings.settings(device, envmap, vars(args)), names)
-    print(f"exposure {exposure:.4g}, gamma {args.gamma:g}")
-    cli.explain(args, device)
+    print(cli.tone(args, exposure))
+    cli.explain_kernels(args, device)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,9 @@
 #!/usr/bin/env python3
 """Part 3: shade a diffuse sphere with the samples of part 2."""
 
+import _start  # noqa: F401 - before anything else: finds .venv, and hears Ctrl-C
+
+# isort: split
 from pathlib import Path
 
 from lightdome import cli
@@ -30,7 +33,7 @@ def main() -> None:
         if len(samples) in sets:
             raise LightdomeError(f"{path}: another file has {len(samples)} samples too; shade it into its own --out")
         sets[len(samples)] = samples
-    out = cli.output_folder(args.out)
+    out = cli.output_folder(args.out, images=True)
 
     from lightdome import settings
     from lightdome.device import open_device
@@ -39,7 +42,7 @@ def main() -> None:
 
     device = open_device(args.device)
     print(f"device: {device.description}")
-    exposure = args.exposure
+    exposure, lines = args.exposure, []
     # The largest set first: it knows best how bright the sphere is, and one exposure serves all.
     for count, samples in sorted(sets.items(), reverse=True):
         image = shade_samples(device, samples, args.resolution, args.albedo)
@@ -48,12 +51,15 @@ def main() -> None:
         picture = tone_map(image, exposure, args.gamma)
         for suffix in ("ppm", "png"):
             write_image(out / f"sphere_{count}.{suffix}", picture)
-        print(f"wrote {out}/sphere_{count}.pfm, .ppm, .png")
+        lines.append((f"wrote {out}/sphere_{count}.pfm, .ppm, .png", count, device.decisions.take()))
+    for line, count, decisions in reversed(lines):
+        print(line)
+        cli.explain(args, f"{count} samples", decisions)
     names = [f"sphere_{count}.{suffix}" for count in sets for suffix in ("pfm", "ppm", "png")]
     inputs = {path.name: settings.file_sum(path) for path in args.samples}
     settings.write(out, settings.settings(device, None, vars(args)) | {"inputs": inputs}, names)
-    print(f"exposure {exposure:.4g}, gamma {args.gamma:g}")
-    cli.explain(args, device)
+    print(cli.tone(args, exposure))
+    cli.explain_kernels(args, device)
 
 
 if __name__ == "__main__":

@@ -1,15 +1,16 @@
 #!/usr/bin/env python3
 """Part 4: the same sphere by Monte Carlo, with fresh samples for every pixel, by PBRT or on an OpenCL device."""
 
-from __future__ import annotations
+import _start  # noqa: F401 - before anything else: finds .venv, and hears Ctrl-C
 
+# isort: split
 import argparse
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lightdome import cli
-from lightdome.errors import LightdomeError
+from lightdome.errors import LightdomeError, exactly
 
 if TYPE_CHECKING:
     import numpy as np
@@ -49,35 +50,46 @@ def parse_arguments() -> argparse.Namespace:
     args = parser.parse_args()
     if args.renderer == "opencl" and args.pbrt:
         parser.error("--pbrt is for --renderer pbrt or auto")
+    if args.renderer == "pbrt" and args.device:
+        parser.error("--device is for --renderer opencl or auto")
+    if args.albedo > 1 and (args.renderer == "pbrt" or args.pbrt):
+        parser.error(f"PBRT has an albedo from 0 to 1, not {exactly(args.albedo)}; use --renderer opencl")
     return args
 
 
-def with_opencl(args: argparse.Namespace, envmap: EnvironmentMap, device: Device) -> Images:
+def with_opencl(args: argparse.Namespace, envmap: "EnvironmentMap", device: "Device") -> "Images":
     """The images from our own renderer."""
     from lightdome.distribution import build_distribution
     from lightdome.render import render
 
-    yield from render(build_distribution(device, envmap), args.spp, args.resolution, args.albedo, args.seed)
-    cli.explain(args, device)
+    distribution = build_distribution(device, envmap)
+    cli.explain(args, "the map", device.decisions.take())
+    yield from render(distribution, args.spp, args.resolution, args.albedo, args.seed)
+    # An image of more samples continues the one of fewer.
+    cli.explain(args, f"{', '.join(map(str, sorted(set(args.spp))))} spp", device.decisions.take())
+    cli.explain_kernels(args, device)
 
 
 def main() -> None:
     """Write the scenes and the images, and say so."""
     args = parse_arguments()
-    out = cli.output_folder(args.out)
+    out = cli.output_folder(args.out, images=True)
     envmap = cli.load_map(args)
 
     from lightdome import pbrt, settings
     from lightdome.images import auto_exposure, tone_map, write_image
 
     print(f"map: {args.map}, {envmap.width} x {envmap.height}")
-    scenes = pbrt.write_scenes(
-        cli.output_folder(out / "pbrt"), envmap, args.spp, args.resolution, args.albedo, args.seed
-    )
-    print(f"wrote {out / 'pbrt'}: scenes for PBRT-v3 and PBRT-v4, and their maps")
-
-    program, reason = None, ""
-    if args.renderer != "opencl":
+    program, reason, scenes = None, "", []
+    for_pbrt = args.albedo <= 1
+    if for_pbrt:
+        folder = cli.output_folder(out / "pbrt")
+        scenes = pbrt.write_scenes(folder, envmap, args.spp, args.resolution, args.albedo, args.seed)
+        print(f"wrote {folder}: scenes for PBRT-v3 and PBRT-v4, and their maps")
+    else:
+        reason = ", because PBRT's albedo is at most 1" if args.renderer == "auto" else ""
+        print(f"note: no scene for PBRT was written: its albedo is from 0 to 1, not {exactly(args.albedo)}")
+    if args.renderer != "opencl" and for_pbrt:
         try:
             program = pbrt.find_pbrt(args.pbrt)
         except LightdomeError as error:
@@ -109,10 +121,14 @@ def main() -> None:
         for suffix in ("ppm", "png"):
             write_image(out / f"sphere_{spp}spp.{suffix}", picture)
         print(f"wrote {out}/sphere_{spp}spp.pfm, .ppm, .png")
+    if program:
+        for scene in scenes:
+            if scene.version == program.version:
+                cli.explain(args, f"{scene.spp} spp", pbrt.decisions(program, scene))
     names = [f"sphere_{spp}spp.{suffix}" for spp in done for suffix in ("pfm", "ppm", "png")]
     made_with = settings.settings(device, envmap, vars(args)) | {"pbrt": program and f"PBRT-v{program.version}"}
     settings.write(out, made_with, names)
-    print(f"exposure {exposure:.4g}, gamma {args.gamma:g}")
+    print(cli.tone(args, exposure))
 
 
 if __name__ == "__main__":

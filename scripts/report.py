@@ -1,7 +1,11 @@
 #!/usr/bin/env python3
 """The written report as PDF, and a zip of it and all images, from what is there or from fresh runs."""
 
+import _start  # noqa: F401 - before anything else: finds .venv, and hears Ctrl-C
+
+# isort: split
 import argparse
+import atexit
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -51,12 +55,10 @@ def run(script: str, *options: object) -> int:
     """Run a script with its errors and progress on our terminal; its exit status, 1 if it was killed."""
     command = [sys.executable, Path(__file__).with_name(script), *options]
     with subprocess.Popen([str(word) for word in command], stdout=subprocess.DEVNULL) as process:
-        try:
-            status = process.wait()
-            return status if status >= 0 else 1
-        except BaseException:
-            process.terminate()  # politely: it clears up after itself
-            raise
+        atexit.register(process.terminate)  # politely: it clears up after itself
+        status = process.wait()
+        atexit.unregister(process.terminate)
+        return status if status >= 0 else 1
 
 
 def main() -> None:
@@ -83,7 +85,7 @@ def make(args: argparse.Namespace) -> None:
     report.require_typst()
     if args.pbrt:
         pbrt.find_pbrt(args.pbrt)  # before work that would be for nothing
-    out = cli.output_folder(args.out)
+    out = cli.output_folder(args.out, images=True)
     envmap = cli.load_map(args)
     device = open_device(args.device)
     print(f"device: {device.description}")
@@ -92,7 +94,9 @@ def make(args: argparse.Namespace) -> None:
     of_version: dict[str, object] = {"versions": {"lightdome": __version__}}
     of_map = of_version | {"map": {"sha256": settings.map_sum(envmap)}}
     on_device = ["--device", args.device] if args.device else []
-    on_map = ["--map", args.map, *(["--sanitize"] if args.sanitize else []), *on_device]
+    layer = [f"--layer={args.layer}"] if args.layer is not None else []
+    as_it_is = [*(["--sanitize", args.sanitize] if args.sanitize else []), *(["--flip"] if args.flip else [])]
+    on_map = ["--map", args.map, *layer, *as_it_is, *on_device]
     quick = ["--quick"] if args.quick else []
     sphere = {"resolution": 255 if args.quick else 511, "albedo": 1.0}
     with_pbrt = {"pbrt": str(args.pbrt)} if args.pbrt else {}

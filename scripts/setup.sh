@@ -8,7 +8,7 @@
 # It may run again at any time: what is there and works stays as it is. What it looks at, in this order:
 #
 #   .venv     is made anew if it is unfinished, was moved, or its Python changed;
-#   package   is installed again if setup.cfg or pyproject.toml changed;
+#   package   is installed again if what describes it changed, or its version;
 #   device    counts once it has compiled and run a kernel (lightdome.probe). If none does: PoCL from
 #             its wheel, and if that does not work either, PoCL from the system's packages.
 #
@@ -45,6 +45,7 @@ clean_environment() {
     if [ ! -w "${HOME:-/nonexistent}" ]; then
         export HOME=$venv/home XDG_CACHE_HOME=$venv/home/.cache MPLCONFIGDIR=$venv/home/matplotlib
     fi
+    [ -w "${TMPDIR:-/nonexistent}" ] || unset TMPDIR
 }
 
 # One set-up of a clone at a time, where there is flock. The lock is this file, held as descriptor 9.
@@ -136,7 +137,10 @@ install_package() {
     local wanted
     wanted=$(
         facts_to_keep "$(python_facts "$python")"
-        cat -- "$root/setup.cfg" "$root/pyproject.toml" | cksum
+        {
+            cat -- "$root/setup.cfg" "$root/setup.py" "$root/pyproject.toml"
+            grep '^__version__' "$root/pyhost/__init__.py"
+        } | cksum
     )
     [ -e "$finished" ] && [ "$(cat "$finished")" = "$wanted" ] && return 0
     rm -f "$finished"
@@ -154,7 +158,7 @@ pip() { "$python" -m pip --quiet "$@" >"$log" 2>&1 </dev/null; }
 find_device() {
     device_works && return 0
     if [ -n "${PYOPENCL_CTX:-}" ]; then
-        stop "PYOPENCL_CTX=$PYOPENCL_CTX: $(tail -n 1 "$log")"
+        stop "PYOPENCL_CTX=$PYOPENCL_CTX: $(sed -n '$s/^probe: //; $p' "$log")"
     fi
     # No device, or is something missing that the probe needs?
     if ! "$python" -c 'import lightdome, matplotlib, numpy, OpenImageIO, pyopencl, pytest' >/dev/null 2>&1; then
@@ -178,7 +182,11 @@ device_works() {
 pocl_from_wheel() {
     [ "$(uname -sm)" = 'Linux x86_64' ] || return 1
     say "no OpenCL device works yet; trying PoCL's wheel (58 MB)"
-    pip install pocl-binary-distribution && device_works && return 0
+    if ! pip install pocl-binary-distribution; then
+        say "pip could not install the wheel"
+        return 1
+    fi
+    device_works && return 0
     say "the wheel does not work here; removing it"
     pip uninstall --yes pocl-binary-distribution || true
     return 1
@@ -236,15 +244,21 @@ advice() {
 
 # --- failing ---------------------------------------------------------------------------------------
 
-# Shows what the last command said, then stops with one line.
+# Stops with one line, and where to find what the last command said.
 fail() {
-    [ ! -s "$log" ] || tail -n 30 "$log" >&2
-    stop "$@"
+    [ ! -s "$log" ] || stop "$1 (its messages: $log)"
+    stop "$1"
 }
 
+# How pip's many versions tell that they reached no index. The last: every index has setuptools for every Python.
+no_index='Retrying \(|Max retries|Connection(Error|Timeout)|ConnectTimeout|NameResolution|name resolution|ProxyError'
+no_index+='|Could not fetch URL|setuptools.*\(from versions: none\)'
+
 fail_pip() {
-    if grep -qE 'NewConnectionError|ConnectTimeout|Max retries exceeded|name resolution|ProxyError' "$log"; then
-        stop "$1: it reached no package index; is there a network? (its messages: $log)"
+    local reason
+    reason=$(sed -n 's/^ *ERROR: //p' "$log" | tail -n 1)
+    if grep -qE "$no_index" "$log"; then
+        reason="it reached no package index; is there a network?"
     fi
-    fail "$1"
+    fail "$1: ${reason:-no reason given}"
 }

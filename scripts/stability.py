@@ -1,6 +1,9 @@
 #!/usr/bin/env python3
 """Stability: what becomes of a sampler on maps that break samplers, measured against float64."""
 
+import _start  # noqa: F401 - before anything else: finds .venv, and hears Ctrl-C
+
+# isort: split
 import argparse
 from contextlib import ExitStack
 
@@ -16,7 +19,9 @@ def main() -> None:
         "scripts/stability.py --quick",
         "out/stability",
     )
-    parser.add_argument("--quick", action="store_true", help="no large case, and fewer draws: half a minute")
+    parser.add_argument(
+        "--quick", action="store_true", help="no large case, and fewer draws: under a minute on two cores"
+    )
     parser.add_argument(
         "--peers", nargs="+", choices=["mitsuba"], default=[], help="other programs to measure too (default: none)"
     )

@@ -14,6 +14,7 @@ from lightdome.device import Device, open_device
 from lightdome.envmap import EnvironmentMap
 
 ROOT = Path(__file__).resolve().parent.parent
+sys.path.append(str(ROOT / "scripts"))  # for scripts that tests load as modules
 LONG = 600.0  # seconds in which a child that does not hang has ended, however slow or shared the machine is
 GRACE = Path(os.environ.get("LIGHTDOME_GRACE", ROOT / "data" / "grace_latlong.exr"))
 

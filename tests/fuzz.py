@@ -31,6 +31,7 @@ from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
+from exr_bytes import Part, exr_file, planes
 from lightdome.envmap import EnvironmentMap, column_angles, row_angles
 from lightdome.errors import LightdomeError
 from lightdome.images import ImageRows, read_image
@@ -45,6 +46,7 @@ NUMBERS = (0, 1, 2, 7, 127, 128, 255, 256, 4096, 32767, 32768, 65535, 65536, 2**
 NUMBERS += (2**31 - 1, 2**31, 2**32 - 1, 2**32, 2**63 - 1, 2**63, 2**64 - 1, 10**30)
 EXR_ATTRIBUTES = (b"channels", b"compression", b"dataWindow", b"displayWindow", b"lineOrder", b"tiles", b"type")
 EXR_ATTRIBUTES += (b"chunkCount", b"name", b"pixelAspectRatio", b"screenWindowWidth", b"version", b"Orientation")
+EXR_ATTRIBUTES += (b"envmap", b"chromaticities")
 
 Mutation = Callable[[np.random.Generator, bytes], bytes]
 
@@ -65,6 +67,10 @@ def corpus() -> dict[str, bytes]:
         + rng.integers(3, 256, (37, 74, 4), np.uint8).tobytes(),
         "turned.hdr": b"#?RGBE\nFORMAT=32-bit_rle_rgbe\n\n+X 74 -Y 37\n"
         + rng.integers(3, 256, (37, 74, 4), np.uint8).tobytes(),
+        "factors.hdr": b"#?AUTOPANO\nEXPOSURE = 2\nEXPOSURE=1e-1\nCOLORCORR=1 2 3\n\n-X 74 -Y 37\n"
+        + rng.integers(3, 256, (37, 74, 4), np.uint8).tobytes(),
+        "old_runs.hdr": b"#?RADIANCE\n\n-Y 300 +X 300\n" + bytes([9, 8, 7, 128, 1, 1, 1, 43, 1, 1, 1, 1]) * 300,
+        "four.pfm": b"PF4 # RGBA\r\n37 37\n-2e0\n" + radiance[::-1].astype("<f4").tobytes()[: 37 * 37 * 16],
         "samples.npz": npz(arrays()),
         "packed.npz": npz(arrays(), zipfile.ZIP_DEFLATED),
     }
@@ -77,15 +83,31 @@ def corpus() -> dict[str, bytes]:
         for channels in (1, 2, 4, 7):
             more = np.concatenate([radiance] * 3, axis=2)[..., :channels]
             files[f"{channels}_channels.exr"] = _written(Path(folder) / f"{channels}.exr", more)
+        files |= by_hand(radiance)
         files["parts.exr"] = _two_parts(Path(folder) / "parts.exr", radiance)
         files["deep.exr"] = _deep(Path(folder) / "deep.exr")
     return files
+
+
+def by_hand(radiance: np.ndarray) -> dict[str, bytes]:
+    """EXR files that OpenImageIO does not write: whole numbers, luminance and chroma, deep parts beside flat ones."""
+    grey = radiance[..., 0]
+    layers = {f"{layer}.{name}": plane for layer in ("depth", "rgba") for name, plane in planes(radiance).items()}
+    primaries = {"chromaticities": ("chromaticities", struct.pack("<8f", 0.7, 0.3, 0.2, 0.7, 0.1, 0.1, 0.3, 0.3))}
+    return {
+        "whole.exr": exr_file(Part({**planes(radiance), "G": np.minimum(grey, 1e6).astype(np.uint32)})),
+        "chroma.exr": exr_file(Part({"Y": grey, "RY": grey * 0, "BY": grey * 0 - 1}, attributes=primaries)),
+        "layers.exr": exr_file(Part(layers, attributes={"envmap": ("envmap", b"\0")})),
+        "deep_and_flat.exr": exr_file(Part({"Z": grey}, "far", deep=True), Part(planes(radiance), "near")),
+    }
 
 
 def _spec(pixels: np.ndarray, compression: str = "zip", kind: object = oiio.HALF, tile: int = 0) -> oiio.ImageSpec:
     height, width, channels = pixels.shape
     spec = oiio.ImageSpec(width, height, channels, kind)
     spec.attribute("compression", compression)
+    if channels == 2:
+        spec.channelnames = ("Y", "A")
     if tile:
         spec.tile_width = spec.tile_height = tile
     return spec
@@ -103,7 +125,7 @@ def _written(
 
 def _two_parts(path: Path, pixels: np.ndarray) -> bytes:
     specs = (_spec(pixels), _spec(pixels, "piz", oiio.FLOAT))
-    for name, spec in zip(("left", "right"), specs, strict=True):
+    for name, spec in zip(("beauty", "right"), specs, strict=True):
         spec.attribute("oiio:subimagename", name)
     file = oiio.ImageOutput.create(str(path))
     done = file.open(str(path), specs) and file.write_image(pixels)

@@ -40,7 +40,7 @@ from lightdome.programs import Programs
 from lightdome.render import ESTIMATORS, render
 from lightdome.render import SEQUENCES as RENDER_SEQUENCES
 from lightdome.samples import SEQUENCES
-from lightdome.sphere import exact, shade
+from lightdome.sphere import PIXELS, exact, shade
 
 SHAPES = ((7, 5), (3, 33))
 RESOLUTIONS = (1, 17)
@@ -135,7 +135,8 @@ def run_all() -> None:
             for any_colour in (distribution, grey):
                 light(any_colour, resolution, brute_force=False)
                 light(any_colour, resolution, brute_force=True)
-                exact(any_colour.device, any_colour.envmap, resolution)
+                for pixels in PIXELS:
+                    exact(any_colour.device, any_colour.envmap, resolution, pixels=pixels)
                 draw_images(any_colour, resolution, ESTIMATORS)
             shade_harmonics(distribution.device, project(distribution.device, distribution.envmap, 3), resolution)
         list(render(distribution, [2], RESOLUTIONS[-1], estimator="mis", mis_compensation=True))

@@ -17,7 +17,7 @@ from conftest import ROOT, Script, fails_in_one_line, stiff_radiance
 from lightdome.banded import sample_file
 from lightdome.device import Device
 from lightdome.distribution import build_distribution
-from lightdome.envmap import EnvironmentMap
+from lightdome.envmap import EnvironmentMap, Replaced
 from lightdome.errors import LightdomeError
 from lightdome.images import ImageRows, read_image, write_image
 from lightdome.samples import SEQUENCES, Samples
@@ -173,8 +173,34 @@ def test_bad_pixels_are_refused_with_the_words_for_the_map_in_memory(device: Dev
         EnvironmentMap.read(path)
     with pytest.raises(LightdomeError, match=re.escape(str(expected.value))):
         sample_file(device, ImageRows(path, 3), [5])
-    mended = build_distribution(device, EnvironmentMap.read(path, sanitize=True)).sample(500)
-    assert_same(sample_file(device, ImageRows(path, 3), [500], sanitize=True)[0], mended)
+    for way in (True, "black", "clamp"):
+        envmap = EnvironmentMap.read(path, sanitize=way)
+        reports: list[Replaced] = []
+        drawn = sample_file(device, ImageRows(path, 3), [500], sanitize=way, report=reports.append)[0]
+        assert_same(drawn, build_distribution(device, envmap).sample(500))
+        assert [report.note for report in reports] == [envmap.replaced.note]
+
+
+def test_a_half_float_sun_is_clamped_as_in_memory(device: Device) -> None:
+    path = ROOT / "tests" / "field_cases" / "exr_half_infinite_sun.exr"
+    drawn = sample_file(device, ImageRows(path), [300], sanitize="clamp")[0]
+    assert drawn.radiance.max() == 65504
+    assert_same(drawn, build_distribution(device, EnvironmentMap.read(path, sanitize="clamp")).sample(300))
+
+
+@pytest.mark.parametrize("batch", [1, 4, None])
+@pytest.mark.parametrize("name", ["map.pfm", "up.hdr", "columns.hdr", "zip_half_tiles.exr"])
+def test_flipped_rows_give_the_samples_of_the_flipped_map(
+    device: Device, tmp_path: Path, name: str, batch: int | None
+) -> None:
+    path = tmp_path / name
+    if name == "map.pfm":
+        write_image(path, stiff_radiance(21, 43))
+    else:
+        path.write_bytes(FILES[name])
+    upright = EnvironmentMap.read(path)
+    flipped = build_distribution(device, EnvironmentMap(upright.radiance[::-1])).sample(400)
+    assert_same(sample_file(device, ImageRows(path, batch, flip=True), [400])[0], flipped)
 
 
 def test_what_cannot_be_drawn_is_refused(device: Device, tmp_path: Path) -> None:

@@ -6,18 +6,20 @@ import csv
 import json
 import runpy
 import sys
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import ROOT, Script, fails_in_one_line, stiff_radiance
+from conftest import ROOT, Script, stiff_radiance
 from lightdome import benchmark, benchmark_plot, reference
 from lightdome.benchmark import Measurement, Method
 from lightdome.device import Device
 from lightdome.disc import disc_mask
 from lightdome.envmap import EnvironmentMap
 from lightdome.images import write_image
+from lightdome.names import METHODS
 
 R = 21
 
@@ -96,9 +98,12 @@ def test_the_slope_is_the_exponent() -> None:
         *((name, 2**18, 0.011) for name in ("bsdf", "bsdf-sobol")),
         ("harmonics", 32, 0.01),
         ("exact", 1, 1e-6),
+        ("exact-areas", 1, 1e-6),
     ],
 )
-def test_every_method_converges_to_the_float64_image(device: Device, name: str, count: int, tolerance: float) -> None:
+def test_every_method_converges_to_its_own_float64_image(
+    device: Device, name: str, count: int, tolerance: float
+) -> None:
     # Half a pixel of this map is 2.8 degrees, which costs 2 % and more: no method may hide that.
     envmap = EnvironmentMap(stiff_radiance(32, 64))
     if name.startswith("bsdf"):  # finds bright pixels by chance only: a milder map
@@ -106,17 +111,21 @@ def test_every_method_converges_to_the_float64_image(device: Device, name: str, 
         bands = rng.exponential(1, (16, 1, 1)) * np.exp(rng.normal(0, 1, (1, 32, 1)))
         envmap = EnvironmentMap(bands * np.exp(rng.normal(0, 1, (16, 32, 3))))
     mask = disc_mask(R)
+    method = benchmark.methods(device, envmap, R)[name]
+    areas = name.startswith(("bsdf", "mis", "exact-areas"))
+    assert method.pixels == ("areas" if areas else "centres")
+    truth = partial(reference.exact_areas, nodes=8) if areas else reference.exact
     expected = np.zeros((R, R, 3))
-    expected[mask] = reference.exact(envmap.radiance, reference.normals(R)[mask])
-    image = benchmark.methods(device, envmap, R)[name].run(count, 1)
+    expected[mask] = truth(envmap.radiance, reference.normals(R)[mask])
+    image = method.run(count, 1)
     assert reference.relative_rmse(image, expected) < tolerance
     shifted = np.roll(envmap.radiance, 1, axis=1) / 2 + envmap.radiance / 2
-    expected[mask] = reference.exact(shifted, reference.normals(R)[mask])
+    expected[mask] = truth(shifted, reference.normals(R)[mask])
     assert reference.relative_rmse(image, expected) > 2 * tolerance
 
 
 def test_every_method_is_in_that_test(device: Device) -> None:
-    marks = test_every_method_converges_to_the_float64_image.pytestmark
+    marks = test_every_method_converges_to_its_own_float64_image.pytestmark
     tested = {parameters[0] for parameters in marks[0].args[1]}
     assert tested == set(benchmark.methods(device, EnvironmentMap(np.ones((4, 8, 3))), R))
 
@@ -141,6 +150,11 @@ def test_the_script_end_to_end(
     for row, measured in zip(rows, data["measurements"], strict=True):
         assert float(row["rmse"]) == measured["rmse"]
         assert sum(measured["stages"].values()) > 0
+    assert {r["method"]: r["pixels"] for r in rows} == {
+        name: "areas" if name.startswith(("bsdf", "mis", "exact-areas")) else "centres"
+        for name in {r["method"] for r in rows}
+    }
+    assert max(float(r["rmse"]) for r in rows if r["method"].startswith("exact")) < 1e-6  # each against its own
     sobol = next(r for r in rows if r["method"] == "sobol")
     assert {f"stage {s}" for s in ("row cdf", "marginal cdf", "search", "shade", "download")} <= {
         name for name, value in sobol.items() if value
@@ -154,5 +168,28 @@ def test_the_script_end_to_end(
     }
 
 
-def test_an_unknown_method_is_one_line(script: Script, tmp_path: Path) -> None:
-    fails_in_one_line(script("bench", "--methods", "magic", "--out", tmp_path), "magic", "sobol")
+def test_an_unknown_method_is_told_before_anything_is_loaded(script: Script, tmp_path: Path) -> None:
+    (tmp_path / "numpy.py").write_text("raise ImportError('numpy was loaded')")
+    (tmp_path / "pyopencl.py").write_text("raise ImportError('pyopencl was loaded')")
+    result = script("bench", "--methods", "sobol", "magic", "--out", tmp_path / "out", PYTHONPATH=str(tmp_path))
+    assert result.returncode == 2
+    assert "magic" in result.stderr
+    assert all(name in result.stderr for name in METHODS)
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_help_names_every_method(script: Script) -> None:
+    text = "".join(script("bench", "--help").stdout.split())
+    assert ",".join(METHODS) in text
+
+
+def test_the_names_that_can_be_asked_for_are_the_methods_there_are(device: Device) -> None:
+    assert tuple(benchmark.methods(device, EnvironmentMap(np.ones((4, 8, 3))), R)) == METHODS
+
+
+def test_a_pbrt_that_is_named_is_a_peer(script: Script, tmp_path: Path) -> None:
+    write_image(tmp_path / "map.pfm", stiff_radiance(8, 16))
+    options = ("--methods", "r2", "--counts", 4, "--spp", 1, "--resolution", 9, "--seeds", 1, "--repeats", 1)
+    result = script("bench", "--map", tmp_path / "map.pfm", *options, "--pbrt", tmp_path, "--out", tmp_path / "out")
+    assert result.returncode == 0, result.stderr
+    assert f"peer pbrt {tmp_path}: absent (no program pbrt in the folder {tmp_path}" in result.stdout

@@ -17,7 +17,7 @@ def calls(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[int]:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     made: list[int] = []
 
-    def exact(device: Device, envmap: EnvironmentMap, resolution: int) -> np.ndarray:
+    def exact(device: Device, envmap: EnvironmentMap, resolution: int, *, pixels: str) -> np.ndarray:
         made.append(resolution)
         return np.full((resolution, resolution, 3), envmap.radiance.sum(), np.float32)
 
@@ -32,16 +32,17 @@ def test_the_same_image_is_computed_once(device: Device, calls: list[int]) -> No
     assert calls == [5]
 
 
-def test_another_map_resolution_or_convention_is_another_image(
+def test_another_map_resolution_integral_or_convention_is_another_image(
     device: Device, calls: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sphere.exact_kept(device, EnvironmentMap(np.ones((4, 8, 3))), 5)
     sphere.exact_kept(device, EnvironmentMap(np.ones((8, 4, 3))), 5)
     sphere.exact_kept(device, EnvironmentMap(np.eye(4, 8)[..., None].repeat(3, 2)), 5)
     sphere.exact_kept(device, EnvironmentMap(np.ones((4, 8, 3))), 6)
+    sphere.exact_kept(device, EnvironmentMap(np.ones((4, 8, 3))), 5, "areas")
     monkeypatch.setattr(sphere, "CONVENTION", "upside down")
     sphere.exact_kept(device, EnvironmentMap(np.ones((4, 8, 3))), 5)
-    assert calls == [5, 5, 5, 6, 5]
+    assert calls == [5, 5, 5, 6, 5, 5]
 
 
 def test_a_damaged_image_is_computed_again(device: Device, calls: list[int], tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pyopencl as cl
 import pytest
-from lightdome import buffers
+from lightdome import buffers, probe
 from lightdome.device import Device, open_device
 from lightdome.errors import LightdomeError
 from lightdome.programs import Programs, source
@@ -19,6 +20,46 @@ def test_a_device_is_found_by_part_of_its_name(device: Device) -> None:
     name = device.handle.name
     assert open_device(name[:6].upper()).handle.name == name
     assert open_device(f"{device.handle.platform.name}:0").handle.platform == device.handle.platform
+
+
+def test_a_device_is_found_by_every_name_that_is_shown(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    handle, platform = device.handle, device.handle.platform
+    of_platform = (platform.name, platform.vendor, platform.version)
+    of_device = (handle.name, handle.vendor, handle.version, handle.driver_version)
+    words = re.findall(r"[A-Za-z]\w{2,}", device.description)
+    assert len(words) > 2
+    for name in (device.description, *of_platform, *of_device, *words):
+        if not name.isdecimal():
+            assert open_device(name.upper()).handle.platform.name, name
+            assert name.lower() in shown(open_device(name.swapcase())), name
+    for first in (*of_platform, str(cl.get_platforms().index(platform))):
+        for second in (*of_device, str(platform.get_devices().index(handle))):
+            if ":" not in first:
+                assert open_device(f"{first.lower()}:{second.lower()}").handle == handle
+    listed = f"{cl.get_platforms().index(platform)}:{platform.get_devices().index(handle)} {device.description}"
+    assert open_device(listed).handle == handle
+    monkeypatch.setenv("PYOPENCL_CTX", words[-1].upper())
+    assert words[-1].lower() in shown(open_device())
+
+
+def shown(device: Device) -> str:
+    """All that is said of a device, in small letters."""
+    handle, platform = device.handle, device.handle.platform
+    names = (device.description, platform.name, platform.vendor, platform.version)
+    return " ".join((*names, handle.name, handle.vendor, handle.version, handle.driver_version)).lower()
+
+
+@pytest.mark.parametrize("asked", ["pocl", "POCL", "PoCL:0", "pocl:pthread", "Portable:pocl"])
+def test_pocl_is_found_by_the_name_that_all_know_it_by(device: Device, asked: str) -> None:
+    if "PoCL" not in device.description:
+        pytest.skip("needs PoCL")
+    assert "PoCL" in open_device(asked).description
+
+
+@pytest.mark.parametrize("asked", ["9" * 5000, "77", "77:0", "0:77", "²", "pocl:Voodoo"])
+def test_numbers_and_names_of_no_device_are_one_line(asked: str) -> None:
+    with pytest.raises(LightdomeError, match="no OpenCL device matches"):
+        open_device(asked)
 
 
 def test_pyopencl_ctx_is_followed_and_the_argument_goes_first(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -63,6 +104,36 @@ def test_the_probe_names_the_best_device() -> None:
     result = subprocess.run([sys.executable, "-m", "lightdome.probe"], capture_output=True, text=True)
     assert result.returncode == 0
     assert result.stdout.strip() == open_device().description
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "said"),
+    [
+        ("--help", 0, "usage: python -m lightdome.probe"),
+        ("0", 2, "expected"),
+        ("a b", 2, "'a'"),
+        ("0 0 0", 2, "usage"),
+        ("0 1.5", 2, "'1.5'"),
+        ("0 999", 1, "no OpenCL device 0 999"),
+        ("999 0", 1, "no OpenCL device 999 0"),
+        ("-1 0", 1, "no OpenCL device -1 0"),
+    ],
+)
+def test_the_probe_has_a_command_line(arguments: str, status: int, said: str) -> None:
+    command = [sys.executable, "-m", "lightdome.probe", *arguments.split()]
+    result = subprocess.run(command, capture_output=True, text=True)
+    assert result.returncode == status
+    assert said in result.stdout + result.stderr
+    assert "Traceback" not in result.stderr
+    assert status != 1 or result.stderr.count("\n") == 1
+
+
+def test_the_probe_says_why_a_device_fails_in_one_line(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    platform = cl.get_platforms().index(device.handle.platform)
+    monkeypatch.setattr(probe, "_SOURCE", "kernel void probe(global float *a) { undeclared; }")
+    with pytest.raises(LightdomeError, match="undeclared") as error:
+        probe.probe(platform, device.handle.platform.get_devices().index(device.handle))
+    assert "\n" not in str(error.value)
 
 
 def test_a_kernel_is_built_once_per_set_of_defines(device: Device) -> None:

@@ -58,6 +58,7 @@ def images(distribution: Distribution) -> dict[str, np.ndarray]:
         "samples": shade_samples(device, samples, R),
         "brute force": shade(device, samples.direction, samples.flux, R, brute_force=True),
         "exact": exact(device, envmap, R),
+        "exact areas": exact(device, envmap, R, pixels="areas"),
         "median cut": shade(device, lights.direction, lights.flux, R),
         "harmonics": shade_harmonics(device, project(device, envmap, 8), R),
     }
@@ -175,6 +176,7 @@ RECORDED_MEANS = {
     "samples": 3.251947e08,
     "brute force": 3.251947e08,
     "exact": 3.26636e08,
+    "exact areas": 3.266668e08,
     "median cut": 3.261766e08,
     "harmonics": 3.266419e08,
     "light independent": 3.316312e08,

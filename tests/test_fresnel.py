@@ -234,6 +234,7 @@ def test_the_script_writes_its_files_without_opencl_and_always_the_same(tmp_path
         "import atexit, runpy, sys\n"
         "unwanted = ('pyopencl', 'OpenImageIO', 'matplotlib.pyplot')\n"
         "atexit.register(lambda: print('loaded:', [m for m in unwanted if m in sys.modules]))\n"
+        f"sys.path[0] = {str(SCRIPT.parent)!r}\n"
         f"runpy.run_path({str(SCRIPT)!r}, run_name='__main__')\n"
     )
     out = tmp_path / "deep" / "part1"

@@ -9,7 +9,7 @@ from lightdome.device import Device
 from lightdome.disc import disc_mask
 from lightdome.distribution import Distribution, build_distribution
 from lightdome.envmap import EnvironmentMap
-from lightdome.render import render
+from lightdome.render import PIXELS_OF, render
 from lightdome.sphere import exact, shade_samples
 from lightdome.stability import chi_square_z
 
@@ -56,6 +56,13 @@ def test_the_exact_image_meets_float64(grace: EnvironmentMap, target: np.ndarray
     np.testing.assert_allclose(target[y, x][some], expected, rtol=2e-6)
 
 
+def test_the_exact_image_of_areas_meets_quadrature(device: Device, grace: EnvironmentMap) -> None:
+    areas = exact(device, grace, 127, pixels="areas")
+    y, x = (index[::2500] for index in np.nonzero(disc_mask(127)))
+    expected = reference.exact_areas(grace.radiance, reference.normals(127)[y, x], nodes=8)
+    assert np.abs(areas[y, x] - expected).max() < 2e-7 * areas.max()
+
+
 def test_shading_meets_float64(device: Device, distribution: Distribution) -> None:
     samples = distribution.sample(1024)
     image = shade_samples(device, samples, 511)
@@ -74,11 +81,16 @@ def test_errors_of_shared_samples(device: Device, distribution: Distribution, ta
         assert np.mean(errors) == pytest.approx(known, rel=0.2)
 
 
-def test_errors_of_fresh_samples(device: Device, distribution: Distribution, target: np.ndarray) -> None:
+def test_errors_of_fresh_samples(
+    device: Device, grace: EnvironmentMap, distribution: Distribution, target: np.ndarray
+) -> None:
     # 64 samples a pixel. PBRT-v4 has 7.3 % (path, zsobol) and 13.4 % (independent), PBRT-v3 6.8 % (02sequence).
+    targets = {"centres": target, "areas": exact(device, grace, 127, pixels="areas")}
+
     def error(**options: object) -> float:
         images = [next(render(distribution, [64], 127, seed=s, **options))[1] for s in range(3)]
-        return float(np.mean([reference.relative_rmse(image, target) for image in images]))
+        own = targets[PIXELS_OF[str(options["estimator"])]]
+        return float(np.mean([reference.relative_rmse(image, own) for image in images]))
 
     assert error(estimator="light") == pytest.approx(0.146, rel=0.1)
     assert error(estimator="mis") == pytest.approx(0.130, rel=0.1)

@@ -141,3 +141,18 @@ def test_a_file_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(LightdomeError, match="taken"):
         write_image(tmp_path / "taken.png", IMAGE.astype(np.uint8))
     assert [p.name for p in tmp_path.iterdir()] == ["taken.png"]
+
+
+def test_a_pfm_larger_than_64_mib_holds_every_row_in_its_place(tmp_path: Path) -> None:
+    height, width = 1500, 4000
+    values = np.arange(height * width * 3, dtype=np.uint32) * np.uint32(2654435761)  # no two rows are alike
+    image = (values >> 9 | 0x3F800000).view(np.float32).reshape(height, width, 3)
+    path = tmp_path / "large.pfm"
+    write_image(path, image)
+    content = path.read_bytes()
+    assert len(content) > 64 << 20
+    header, values = content[: -image.nbytes], np.frombuffer(content[-image.nbytes :], "<f4")
+    assert header.split() == [b"PF", b"4000", b"1500", b"-1.0000"]
+    assert np.array_equal(values.reshape(image.shape)[::-1], image)
+    assert np.array_equal(read_image(path), image)
+    path.unlink()

@@ -1,8 +1,9 @@
-"""A run that is stopped at any moment leaves no half file under a final name, and can be repeated.
+"""A run that is stopped at any moment ends at once, leaves no half file under a final name, and can be repeated.
 
     python tests/test_interrupted.py 50
 
-stops every script at 50 random moments with each signal; the tests do the same with fewer.
+stops every script at 50 random moments with each signal, and as often with empty caches; the tests do the same with
+fewer. A signal goes to the whole group of processes, as a terminal's Ctrl-C does, compilers and linkers included.
 """
 
 from __future__ import annotations
@@ -15,12 +16,14 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import LONG, ROOT
+from lightdome.device import Device
 from lightdome.samples import Samples
 
 SCRIPTS = {
@@ -30,7 +33,14 @@ SCRIPTS = {
     "part4_pbrt": ("--renderer", "opencl", "--spp", "4", "8", "--resolution", "255"),
     "bench": ("--quick", "--methods", "r2", "--counts", "16", "--seeds", "1", "--resolution", "63"),
 }
+OTHERS = {
+    "stability": ("--quick",),
+    "report": ("--quick",),
+    "make_default_map": (),
+    "get_grace": ("--from", "http://127.0.0.1:1/none"),
+}
 CLOCK = re.compile(rb"\d{4}:\d\d:\d\d \d\d:\d\d:\d\d")
+PROMPT = 3.0  # seconds from a signal to the end, on a machine that has other work too
 HIDDEN = re.compile(r"\.\w+\.[0-9a-f]{8}\.\w+")
 
 
@@ -43,29 +53,54 @@ class Run:
 
     def start(self) -> subprocess.Popen[bytes]:
         (self.folder / "tmp").mkdir(exist_ok=True)
+        (self.folder / "cache" / "pocl").mkdir(parents=True, exist_ok=True)
+        out = "out.exr" if self.name in ("get_grace", "make_default_map") else "out"
         return subprocess.Popen(
-            [sys.executable, str(ROOT / "scripts" / f"{self.name}.py"), *SCRIPTS[self.name], "--out", "out"],
+            [sys.executable, str(ROOT / "scripts" / f"{self.name}.py"), *(SCRIPTS | OTHERS)[self.name], "--out", out],
             stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
             cwd=self.folder,
-            env={**os.environ, "TMPDIR": str(self.folder / "tmp"), "XDG_CACHE_HOME": str(self.folder / "cache")},
+            start_new_session=True,
+            env={
+                **os.environ,
+                "TMPDIR": str(self.folder / "tmp"),
+                "XDG_CACHE_HOME": str(self.folder / "cache"),
+                "POCL_CACHE_DIR": str(self.folder / "cache" / "pocl"),
+            },
         )
 
     def finish(self) -> float:
         """Run undisturbed: the seconds that it took."""
         start = time.perf_counter()
-        assert self.start().wait() == 0
+        process = self.start()
+        _, errors = process.communicate()
+        assert process.returncode == 0, errors
         return time.perf_counter() - start
 
     def stop(self, number: signal.Signals, after: float, writing: bool = False) -> None:
-        """Start, and send a signal after a while, and with ``writing`` only while a file is being written."""
+        """Start, and send a signal after a while, and with ``writing`` only while a file is being written.
+
+        Raises where the script does not say that it was stopped, promptly and without a traceback.
+        """
         process = self.start()
+        wait_for_first_line(process)
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(after)
         while writing and process.poll() is None and not list((self.folder / "out").rglob(".*")):
             time.sleep(0.0005)
-        process.send_signal(number)
-        process.wait()
+        self.send(process, number)
+
+    def send(self, process: subprocess.Popen[bytes], number: signal.Signals) -> None:
+        """Send a signal to the whole group, and see the script end by it."""
+        sent = time.perf_counter()
+        if process.poll() is None:
+            os.killpg(process.pid, number)
+        _, errors = process.communicate()
+        assert time.perf_counter() - sent < PROMPT
+        stopped = -number if number == signal.SIGKILL else 128 + number
+        assert process.returncode in (0, stopped), errors  # 0 if all was done
+        assert b"Traceback" not in errors
+        assert b"ignored" not in errors
 
     def files(self) -> dict[str, bytes]:
         """What lies in the output folder, by path."""
@@ -80,6 +115,29 @@ class Run:
     def content(self) -> dict[str, bytes]:
         """The same without what differs from run to run: times, which the benchmark measures and an EXR has in it."""
         return {name: CLOCK.sub(b"", data) if self.name != "bench" else b"" for name, data in self.files().items()}
+
+
+def wait_for_first_line(process: subprocess.Popen[bytes]) -> None:
+    """Wait until a script handles SIGTERM: before, Python starts itself, and nobody can hear."""
+    status = Path(f"/proc/{process.pid}/status")
+    while process.poll() is None and status.exists():
+        caught = re.search(r"^SigCgt:\s*(\w+)", status.read_text(), re.MULTILINE)
+        if caught is None or int(caught[1], 16) >> signal.SIGTERM - 1 & 1:
+            return
+        time.sleep(0.001)
+
+
+def stop_with_empty_caches(name: str, number: signal.Signals, moments: Iterable[float], inputs: Path) -> None:
+    """Stop a script after each of ``moments``, every time with nothing compiled; raises as :meth:`Run.stop` does."""
+    for after in moments:
+        # A linker that works on writes into the cache for a moment more.
+        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+            run = Run(name, Path(folder))
+            for path in inputs.glob("*.npz"):
+                (run.folder / path.name).symlink_to(path)
+            run.stop(number, after)
+            assert not [path for path in run.files() if HIDDEN.fullmatch(Path(path).name)]
+            assert not list((run.folder / "tmp").iterdir())
 
 
 def stop_at_random(name: str, number: signal.Signals, count: int, inputs: Path) -> int:
@@ -139,6 +197,87 @@ def test_a_run_that_is_stopped_leaves_no_half_file(name: str, number: signal.Sig
     stop_at_random(name, number, 2, inputs)
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("name", [*SCRIPTS, *OTHERS])
+def test_a_signal_is_heard_while_modules_are_loaded(name: str, number: signal.Signals, tmp_path: Path) -> None:
+    # A module that all scripts load, and that takes long.
+    (tmp_path / "argparse.py").write_text("print('loading', flush=True)\nimport time\ntime.sleep(600)\n")
+    process = subprocess.Popen(
+        [sys.executable, str(ROOT / "scripts" / f"{name}.py")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+    )
+    assert process.stdout.readline() == b"loading\n"
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=LONG)
+    assert process.returncode == 128 + number
+    assert b"Traceback" not in errors
+
+
+def wait_for_a_linker(process: subprocess.Popen[bytes]) -> bool:
+    """Wait until a compiler of the script's runs a program; False if the script has ended before."""
+    while process.poll() is None:
+        for thread in Path(f"/proc/{process.pid}/task").glob("*"):
+            with contextlib.suppress(OSError):
+                if thread.name != str(process.pid) and (thread / "children").read_text():
+                    return True
+        time.sleep(0.001)
+    return False
+
+
+@pytest.mark.parametrize(("name", "number"), [("part2_sample", signal.SIGINT), ("part3_shade", signal.SIGTERM)])
+def test_a_signal_does_not_reach_a_compiler_s_children(
+    device: Device, name: str, number: signal.Signals, inputs: Path, tmp_path: Path
+) -> None:
+    if "PoCL" not in device.description:
+        pytest.skip("needs PoCL, which runs a linker")
+    for path in inputs.glob("*.npz"):
+        (tmp_path / path.name).symlink_to(path)
+    run = Run(name, tmp_path)
+    process = run.start()
+    assert wait_for_a_linker(process)
+    run.send(process, number)
+
+
+LONG_CALL = """
+import sys, time
+import numpy as np
+from pathlib import Path
+from lightdome import cli
+from lightdome.files import replacing
+
+def main():
+    with replacing(Path(sys.argv[1]) / "half.txt") as path:
+        path.write_text("half")
+        print("now")
+        np.linalg.eig(np.random.default_rng(1).random((3000, 3000)))  # tens of seconds in one call
+
+cli.run(main)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_is_heard_in_a_long_call_into_a_library(number: signal.Signals, tmp_path: Path) -> None:
+    command = [sys.executable, "-c", LONG_CALL, str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout.readline() == b"now\n"
+        time.sleep(0.1)
+        start = time.perf_counter()
+        process.send_signal(number)
+        _, errors = process.communicate()
+    assert process.returncode == 128 + number
+    assert time.perf_counter() - start < PROMPT
+    assert b"Traceback" not in errors
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_signal_that_a_shell_ignores_stays_ignored() -> None:
+    program = "import os, signal; from lightdome import cli; cli.run(lambda: os.kill(os.getpid(), signal.SIGINT))"
+    command = ["sh", "-c", 'trap "" INT; exec "$@"', "sh", sys.executable, "-c", program]
+    assert subprocess.run(command).returncode == 0
+
+
 def test_caches_whose_writing_was_stopped_are_used(inputs: Path) -> None:
     """The stops are in :func:`inputs`; what was sampled after them is right."""
     stopped, whole = (Samples.load(inputs / f"samples_{count}.npz") for count in (64, 256))
@@ -149,5 +288,7 @@ if __name__ == "__main__":
     for script in SCRIPTS:
         for number in (signal.SIGKILL, signal.SIGTERM, signal.SIGINT):
             with tempfile.TemporaryDirectory() as folder:
-                left = stop_at_random(script, number, int(sys.argv[1]), make_inputs(Path(folder)))
+                inputs = make_inputs(Path(folder))
+                left = stop_at_random(script, number, int(sys.argv[1]), inputs)
+                stop_with_empty_caches(script, number, 3 * np.random.default_rng(1).random(int(sys.argv[1])), inputs)
                 print(f"{script:<14}{number.name:<9}{sys.argv[1]} moments, {left} hidden files left", flush=True)

@@ -110,9 +110,8 @@ def test_pbrt_gets_no_light_without_flux(tmp_path: Path) -> None:
 
 
 def test_what_pbrt_cannot_hold_is_refused_in_words(tmp_path: Path) -> None:
-    for flux in (1e39, np.inf, np.nan):
-        with pytest.raises(LightdomeError, match="scale the map"):
-            write_pbrt(tmp_path / "lights.pbrt", Lights(np.eye(3)[:1], np.full((1, 3), flux)))
+    with pytest.raises(LightdomeError, match="scale the map"):
+        write_pbrt(tmp_path / "lights.pbrt", Lights(np.eye(3)[:1], np.full((1, 3), 1e39)))
     assert not list(tmp_path.iterdir())
 
 

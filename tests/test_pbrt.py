@@ -111,7 +111,7 @@ def test_texels_inside_a_pixel_have_its_radiance():
 
 
 def test_the_side_of_the_square_must_be_even():
-    with pytest.raises(ValueError, match="even"):
+    with pytest.raises(LightdomeError, match="even"):
         to_equal_area(np.ones((2, 4, 3), np.float32), 5)
 
 
@@ -288,14 +288,19 @@ def test_part_4_with_pbrt_needs_no_opencl(tmp_path, script):
     write_image(tmp_path / "map.exr", np.ones((4, 8, 3), np.float32))
     out = tmp_path / "out"
     result = script(
-        "part4_pbrt", "--map", tmp_path / "map.exr", "--resolution", 9, "--spp", 4, 1, "--pbrt", program, "--out", out,
-        PYTHONPATH=str(tmp_path),
+        "part4_pbrt", "--map", tmp_path / "map.exr", "--resolution", 9, "--spp", 4, 3, "--pbrt", program, "--out", out,
+        "--explain", PYTHONPATH=str(tmp_path),
     )  # fmt: skip
     assert result.returncode == 0, result.stderr
     assert f"renderer: PBRT-v4 ({program})" in result.stdout
     assert {p.name for p in out.iterdir()} == {"pbrt", "settings.json"} | {
-        f"sphere_{n}spp.{suffix}" for n in (1, 4) for suffix in ("pfm", "ppm", "png")
+        f"sphere_{n}spp.{suffix}" for n in (3, 4) for suffix in ("pfm", "ppm", "png")
     }
+    assert "4 spp: used: the sampler zsobol; 4 is a power of two" in result.stdout
+    assert "3 spp: used: the sampler halton; 3 is no power of two" in result.stdout
+    for spp in (3, 4):
+        assert f"{spp} spp: left out: OpenCL kernels; PBRT-v4 ({program}) rendered" in result.stdout
+        assert f"{spp} spp: left out: scaling of the map" in result.stdout
 
 
 def test_part_4_leaves_the_scenes_where_pbrt_is_missing(tmp_path, script):
@@ -311,6 +316,29 @@ def test_part_4_leaves_the_scenes_where_pbrt_is_missing(tmp_path, script):
 
 def test_part_4_refuses_a_program_for_the_renderer_that_has_none(script):
     assert script("part4_pbrt", "--renderer", "opencl", "--pbrt", "x").returncode == 2
+    assert script("part4_pbrt", "--renderer", "pbrt", "--device", "x").returncode == 2
+
+
+def test_an_albedo_above_1_is_rendered_and_no_scene_is_written(tmp_path, script):
+    write_image(tmp_path / "map.pfm", np.ones((4, 8, 3), np.float32))
+    options = ("--map", tmp_path / "map.pfm", "--resolution", 9, "--spp", 4)
+    images = {}
+    for albedo, renderer in ((1, "opencl"), (2, "opencl"), (2, "auto")):
+        out = tmp_path / f"{albedo} {renderer}"
+        result = script("part4_pbrt", *options, "--albedo", albedo, "--renderer", renderer, "--out", out)
+        assert result.returncode == 0, result.stderr
+        assert (out / "pbrt").exists() == (albedo == 1)
+        assert ("note: no scene for PBRT was written" in result.stdout) == (albedo == 2)
+        images[albedo, renderer] = read_image(out / "sphere_4spp.pfm")
+    np.testing.assert_allclose(images[2, "opencl"], 2 * images[1, "opencl"], rtol=1e-6)
+    np.testing.assert_array_equal(images[2, "auto"], images[2, "opencl"])
+
+
+@pytest.mark.parametrize("options", [("--renderer", "pbrt"), ("--pbrt", "x")])
+def test_an_albedo_that_pbrt_does_not_have_is_a_wrong_command_line(script, options):
+    result = script("part4_pbrt", "--albedo", "1.0000000001", *options)
+    assert result.returncode == 2
+    assert "not 1.0000000001" in result.stderr
 
 
 def test_importing_the_pbrt_host_leaves_opencl_alone():

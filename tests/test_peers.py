@@ -76,8 +76,8 @@ def misplacements(image: np.ndarray, radiance: np.ndarray) -> dict[str, float]:
     return dict(zip(wrong, np.linalg.lstsq(columns, error, rcond=None)[0], strict=True))
 
 
-def assert_meets_exact(image: np.ndarray, device: Device, envmap: EnvironmentMap) -> None:
-    truth = exact(device, envmap, SIZE)
+def assert_meets_exact(image: np.ndarray, device: Device, envmap: EnvironmentMap, pixels: str = "areas") -> None:
+    truth = exact(device, envmap, SIZE, pixels=pixels)
     assert image.dtype == np.float32
     assert not image[~disc_mask(SIZE)].any()
     for flipped in (truth[::-1], truth[:, ::-1], truth[::-1, ::-1]):
@@ -97,7 +97,7 @@ def test_misplacements_are_seen(blocks: EnvironmentMap) -> None:
 
 def test_numpy_meets_the_exact_image(device: Device, blocks: EnvironmentMap) -> None:
     image, stages = peer_numpy.render(blocks.radiance, SIZE, 2**18, seed=1)
-    assert_meets_exact(image, device, blocks)
+    assert_meets_exact(image, device, blocks, "centres")
     assert set(stages) == {"draw", "shade"}
 
 
@@ -232,6 +232,7 @@ def test_pbrts_time_has_its_start_up_apart(
     program.chmod(0o755)
     found = peers.find(["pbrt"], blocks, SIZE, [program, tmp_path / "none"])
     assert list(found.methods) == ["pbrt-v4"]
+    assert found.methods["pbrt-v4"].pixels == "areas"
     assert "none" in found.absent[f"pbrt {tmp_path / 'none'}"]
     method = found.methods["pbrt-v4"]
     image = method.run(4, 1)
@@ -270,6 +271,7 @@ def test_the_benchmark_measures_peers_and_names_the_absent(script: Script, tmp_p
     assert list(written["absent"]) == [name]
     assert list(written["peers"]) == ["numpy"]
     assert {m["method"]: m["peer"] for m in written["measurements"]} == {"exact": False, "numpy": True}
+    assert {m["method"]: m["pixels"] for m in written["measurements"]} == {"exact": "centres", "numpy": "centres"}
     assert script(*arguments, "--peers", "luxcore").returncode == 2
 
 

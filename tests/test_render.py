@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from conftest import stiff_radiance
@@ -11,26 +13,29 @@ from lightdome.disc import disc_mask
 from lightdome.distribution import Distribution, build_distribution
 from lightdome.envmap import EnvironmentMap
 from lightdome.errors import LightdomeError
-from lightdome.render import ESTIMATORS, SEQUENCES, render
+from lightdome.render import ESTIMATORS, PIXELS_OF, SEQUENCES, render
+from lightdome.sphere import PIXELS
+from lightdome.sphere import exact as exact_image
 
 R = 24
 CENTRES = ("light", "product")  # see the pixels of the map as directions, the others as areas
+assert {e for e, pixels in PIXELS_OF.items() if pixels == "centres"} == set(CENTRES)
 ALL = [{"estimator": e} for e in ESTIMATORS] + [{"estimator": "mis", "mis_compensation": True}]
 NAMES = [*ESTIMATORS, "compensated"]
 
 
-def exact(radiance: np.ndarray, split: int = 1, resolution: int = R) -> np.ndarray:
-    """The float64 image; with each pixel of the map split into split x split of the same radiance."""
+def exact(radiance: np.ndarray, resolution: int = R, areas: bool = False) -> np.ndarray:
+    """The float64 image."""
     image = np.zeros((resolution, resolution, 3))
     mask = disc_mask(resolution)
-    fine = radiance.repeat(split, axis=0).repeat(split, axis=1)
-    image[mask] = reference.exact(fine, reference.normals(resolution)[mask])
+    truth = partial(reference.exact_areas, nodes=8 if len(radiance) > 16 else 16) if areas else reference.exact
+    image[mask] = truth(radiance, reference.normals(resolution)[mask])
     return image
 
 
 def limit(radiance: np.ndarray, estimator: str, resolution: int = R) -> np.ndarray:
     """What an estimator converges to."""
-    return exact(radiance, 1 if estimator in CENTRES else max(1, 128 // len(radiance)), resolution)
+    return exact(radiance, resolution, areas=estimator not in CENTRES)
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +83,24 @@ def test_the_mean_over_seeds_meets_the_exact_image(
 
 
 @pytest.mark.parametrize("options", ALL, ids=NAMES)
+def test_under_one_lamp_each_estimator_meets_its_own_exact_image_and_not_the_other(
+    device: Device, options: dict[str, object]
+) -> None:
+    radiance = np.zeros((8, 16, 3), np.float32)
+    radiance[2, 3] = 1  # the two integrals differ by 5 % of the maximum
+    envmap = EnvironmentMap(radiance)
+    distribution = build_distribution(device, envmap)
+    image = one(distribution, 2**14, sequence="sobol", **options)
+    off = {pixels: np.abs(image - exact_image(device, envmap, R, pixels=pixels)).max() for pixels in PIXELS}
+    # Few of `bsdf`'s directions find the lamp.
+    assert (
+        off.pop(PIXELS_OF[str(options["estimator"])])
+        < (0.02 if options["estimator"] == "bsdf" else 0.006) * image.max()
+    )
+    assert off.popitem()[1] > 0.04 * image.max()
+
+
+@pytest.mark.parametrize("options", ALL, ids=NAMES)
 def test_the_sum_over_many_samples_meets_the_exact_image(small: Distribution, options: dict[str, object]) -> None:
     # 2^15 Sobol points a pixel: what is left is bias, if there is any.
     image = one(small, 2**15, 9, sequence="sobol", **options)
@@ -121,22 +144,24 @@ def test_with_sobol_points_it_falls_faster(device: Device, options: dict[str, ob
 
 
 def test_mis_is_not_much_worse_than_the_better_of_both(device: Device, distribution: Distribution) -> None:
-    def errors(distribution: Distribution, expected: np.ndarray) -> list[float]:
-        return [
-            float(np.mean([reference.relative_rmse(one(distribution, 64, seed=s, **o), expected) for s in range(4)]))
-            for o in ALL[:3]
-        ]
+    def errors(distribution: Distribution) -> list[float]:
+        result = []
+        for options in ALL[:3]:
+            expected = limit(distribution.envmap.radiance, str(options["estimator"]))
+            images = [one(distribution, 64, seed=s, **options) for s in range(4)]
+            result.append(float(np.mean([reference.relative_rmse(image, expected) for image in images])))
+        return result
 
-    light, bsdf, mis = errors(distribution, limit(distribution.envmap.radiance, "mis"))
+    light, bsdf, mis = errors(distribution)
     assert mis < 1.05 * light < bsdf
-    even = build_distribution(device, EnvironmentMap(np.ones((16, 32, 3))))
-    light, bsdf, mis = errors(even, np.repeat(disc_mask(R)[..., None], 3, axis=2).astype(np.float64))
+    light, bsdf, mis = errors(build_distribution(device, EnvironmentMap(np.ones((16, 32, 3)))))
     assert bsdf < 1e-5  # the cosine is all that there is to sample
     assert mis < 0.6 * light
 
 
 def test_the_product_has_less_noise_than_the_rest(distribution: Distribution, target: np.ndarray) -> None:
-    error = {e: reference.relative_rmse(one(distribution, 64, estimator=e), target) for e in ESTIMATORS}
+    targets = {"centres": target, "areas": limit(distribution.envmap.radiance, "mis")}
+    error = {e: reference.relative_rmse(one(distribution, 64, estimator=e), targets[PIXELS_OF[e]]) for e in ESTIMATORS}
     assert error["product"] < 0.7 * min(error[e] for e in ESTIMATORS if e != "product")
 
 
@@ -147,9 +172,9 @@ def test_a_grey_map_gives_the_same_image_from_one_channel(device: Device, option
     vars(three)["is_grey"] = False
     images, omitted = [], []
     for envmap in (grey, three):
-        device.omitted.clear()
+        device.decisions.take()
         images.append(one(build_distribution(device, envmap), 16, **options))
-        omitted.append("two channels of three" in device.omitted)
+        omitted.append(not {d.what: d.used for d in device.decisions.take()}["separate channels"])
     assert omitted == [True, False]
     assert np.abs(images[0] - images[1]).max() <= 1e-6 * images[1].max()
 
@@ -170,7 +195,7 @@ def test_cells_and_tiles_of_many_pixels_leave_nothing_out(device: Device) -> Non
     radiance[48:60] = np.random.default_rng(2).random((12, 300, 1))
     radiance[:, 90:] *= 1e-3
     distribution = build_distribution(device, EnvironmentMap(radiance))
-    image, expected = one(distribution, 1024, 99, estimator="product", sequence="sobol"), exact(radiance, 1, 99)
+    image, expected = one(distribution, 1024, 99, estimator="product", sequence="sobol"), exact(radiance, 99)
     mask = disc_mask(99)
     relative = image[mask] / expected[mask] - 1
     # With half the reach of cells and tiles the first is 0.0010, with a quarter the second is 2e-4.

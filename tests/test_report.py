@@ -16,7 +16,17 @@ from types import ModuleType
 import numpy as np
 import pytest
 from conftest import ROOT, Script, fails_in_one_line, stiff_radiance
-from lightdome import __version__, benchmark, benchmark_plot, peer_mitsuba, report, report_figures, settings, stability
+from lightdome import (
+    __version__,
+    benchmark,
+    benchmark_plot,
+    peer_mitsuba,
+    report,
+    report_figures,
+    settings,
+    sphere,
+    stability,
+)
 from lightdome.device import Device
 from lightdome.disc import disc_mask
 from lightdome.envmap import EnvironmentMap
@@ -222,6 +232,12 @@ def test_the_numbers_are_those_of_the_runs(device: Device, small_map: Path, made
     d = report.numbers(envmap, small_map.name, results, images)
     json.dumps(d, allow_nan=False)
 
+    assert images.exact_per_pixel is images.exact  # our `light` sees centres of pixels, PBRT areas
+    by_pbrt = report.Results(
+        results.folders, results.settings | {"part4": results.settings["part4"] | {"pbrt": "PBRT-v4"}}
+    )
+    areas = sphere.exact(device, envmap, 255, pixels="areas")
+    np.testing.assert_array_equal(report.load_images(device, envmap, by_pbrt).exact_per_pixel, areas)
     mask = disc_mask(255)
     for rows, of_kind in ((d["shared"], images.shared), (d["per_pixel"], images.per_pixel)):
         for row, (n, image) in zip(rows, of_kind.items(), strict=True):
@@ -296,7 +312,9 @@ def test_other_programs_that_are_there_are_measured(
     monkeypatch.setattr(the_script, "Runs", Runs)
     monkeypatch.setattr(report, "write", lambda *_: 0)
     monkeypatch.setattr(peer_mitsuba, "installed", lambda: there)
-    options = argparse.Namespace(map=small_map, out=tmp_path, device=None, quick=True, sanitize=False, pbrt=None)
+    options = argparse.Namespace(
+        map=small_map, layer=None, flip=False, out=tmp_path, device=None, quick=True, sanitize=False, pbrt=None
+    )
     the_script.make(options)
     assert ("mitsuba" in asked["stability"], "mitsuba" in asked["bench"], "pbrt" in asked["bench"]) == (there,) * 3
     assert "numpy" in asked["bench"]

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import Script, fails_in_one_line, stiff_radiance
+from lightdome.device import open_device
+from lightdome.distribution import build_distribution
+from lightdome.envmap import EnvironmentMap
 from lightdome.images import read_image, write_image
 from lightdome.markers import mark_pixels
 from lightdome.samples import Samples
@@ -74,7 +78,21 @@ def test_bad_pixels_are_refused_unless_sanitised(script: Script, tmp_path: Path)
     write_image(tmp_path / "bad.pfm", radiance)
     arguments = ("part2_sample", "--map", tmp_path / "bad.pfm", "--counts", 4, "--out", tmp_path / "out")
     fails_in_one_line(script(*arguments), "2 bad pixels", "x = 9, y = 4", "--sanitize")
-    assert script(*arguments, "--sanitize").returncode == 0
+    for way in (["--sanitize"], ["--sanitize", "black"], ["--sanitize", "clamp"], ["--sanitize", "--samples-only"]):
+        result = script(*arguments, *way)
+        assert result.returncode == 0, result.stderr
+        assert "2 bad pixels were replaced (1 NaN by 0, 1 negative by 0)" in result.stderr
+        assert "% of the map's flux" in result.stderr
+    assert script(*arguments, "--sanitize", "white").returncode == 2
+
+
+def test_a_map_that_was_written_upside_down_is_flipped(script: Script, small_map: Path, tmp_path: Path) -> None:
+    write_image(tmp_path / "down.pfm", read_image(small_map)[::-1])
+    for name, arguments in {"up": (small_map,), "down": (tmp_path / "down.pfm", "--flip")}.items():
+        result = script("part2_sample", "--counts", 40, "--out", tmp_path / name, "--map", *arguments)
+        assert result.returncode == 0, result.stderr
+    for file in ("samples_40.npz", "em_40.pfm"):
+        assert (tmp_path / "up" / file).read_bytes() == (tmp_path / "down" / file).read_bytes()
 
 
 def test_a_black_map_has_nothing_to_sample(script: Script, tmp_path: Path) -> None:
@@ -147,11 +165,91 @@ def test_markers_wrap_at_the_sides_and_are_clipped_at_the_poles() -> None:
     assert not image[..., :2].any()
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (6, 8), (7, 12)])
+@pytest.mark.parametrize("size", [1, 2, 3, 4, 6, 7, 8, 11, 12, 13, 24, 2**31 - 1])
+def test_markers_of_any_size_are_squares_round_their_pixels(shape: tuple[int, int], size: int) -> None:
+    height, width = shape
+    rng = np.random.default_rng(height * 31 + size)
+    pixel = np.stack([rng.integers(0, n, 3) for n in (width, height)], axis=1)
+    image = np.zeros((height, width, 3))
+    mark_pixels(image, pixel, size, (0, 0, 1))
+    expected = np.zeros(shape, bool)
+    for x, y in pixel:
+        across, down = (range(-min((size - 1) // 2, n), min(size // 2, n) + 1) for n in (width, height))
+        rows = [y + d for d in down if 0 <= y + d < height]
+        expected[np.ix_(rows, sorted({(x + d) % width for d in across}))] = True
+    np.testing.assert_array_equal(image[..., 2] == 1, expected)
+
+
+def test_a_large_marker_takes_no_longer_than_a_small_one() -> None:
+    image = np.zeros((1024, 2048, 3), np.float32)
+    pixel = np.stack([np.arange(2_000_000) % 2048, np.arange(2_000_000) % 1024], axis=1)
+
+    def seconds(size: int) -> float:
+        start = time.perf_counter()
+        mark_pixels(image, pixel, size, (0, 0, 1))
+        return time.perf_counter() - start
+
+    assert max(seconds(3000), seconds(2**31 - 1)) < 5 * seconds(3) + 0.5
+
+
+BIG, LONG_NUMBER = 2**31 - 1, "9" * 5000
+EXTREMES = [
+    ("part1_fresnel", ("--eta", "1e-308"), 0),
+    ("part1_fresnel", ("--eta", "5e-324"), 1),
+    ("part1_fresnel", ("--eta", "1.7976931348623157e308"), 0),
+    ("part2_sample", ("--counts", BIG), 1),
+    ("part2_sample", ("--counts", BIG, "--samples-only"), 1),
+    ("part2_sample", ("--counts", LONG_NUMBER), 2),
+    ("part2_sample", ("--counts", 3, "--marker", BIG, "--gamma", "5e-324", "--exposure", "1e308"), 0),
+    ("part2_sample", ("--counts", 3, "--marker", 3000, "--gamma", "1e308", "--exposure", "5e-324"), 0),
+    ("part2_sample", ("--counts", 3, "--seed", 2**64 - 1, "--samples-only"), 0),
+    ("part2_sample", ("--counts", 3, "--seed", "9" * 400), 2),
+    ("part2_sample", ("--counts", 3, "--device", LONG_NUMBER), 1),
+    ("part3_shade", ("--resolution", BIG), 1),
+    ("part3_shade", ("--resolution", 16385), 1),
+    ("part3_shade", ("--resolution", 1, "--albedo", "5e-324", "--exposure", "1e308", "--gamma", "5e-324"), 0),
+    ("part3_shade", ("--resolution", 9, "--albedo", "3.4e38", "--exposure", "5e-324", "--gamma", "1e308"), 0),
+    ("part3_shade", ("--albedo", "1e308"), 1),
+    ("part4_pbrt", ("--spp", LONG_NUMBER), 2),
+    ("part4_pbrt", ("--spp", 1, "--resolution", BIG), 1),
+    ("part4_pbrt", ("--spp", 1, "--resolution", 1, "--seed", 2**64 - 1), 0),
+    ("part4_pbrt", ("--spp", 1, "--resolution", 9, "--albedo", "1e308"), 1),
+    ("bench", ("--counts", LONG_NUMBER), 2),
+    ("bench", ("--methods", "median-cut", "--counts", 2**27, "--resolution", 9, "--seeds", 1, "--repeats", 1), 1),
+    ("bench", ("--seeds", BIG), 2),
+    ("bench", ("--repeats", BIG), 2),
+    ("bench", ("--resolution", BIG), 1),
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "status"), EXTREMES, ids=[f"{n} {' '.join(map(str, a))[:40]}" for n, a, _ in EXTREMES]
+)
+def test_an_extreme_of_an_option_ends_soon_and_in_one_line(
+    script: Script, small_map: Path, tmp_path: Path, name: str, arguments: tuple[object, ...], status: int
+) -> None:
+    if name == "part3_shade":
+        samples = build_distribution(open_device(), EnvironmentMap.read(small_map)).sample(3)
+        samples.save(tmp_path / "samples.npz")
+        arguments = (tmp_path / "samples.npz", *arguments)
+    elif name != "part1_fresnel":
+        arguments = ("--map", small_map, *arguments)
+    start = time.monotonic()
+    result = script(name, *arguments, "--out", tmp_path / "out")
+    assert time.monotonic() - start < 60  # they take a second; the machine may be busy
+    assert result.returncode == status
+    assert "Traceback" not in result.stderr
+    assert "Warning" not in result.stderr
+    if result.returncode == 1:
+        fails_in_one_line(result)
+
+
 def test_explain_says_what_was_left_out(script: Script, tmp_path: Path) -> None:
     sampled = script("part2_sample", "--counts", 4, "--explain", "--out", tmp_path / "two")
     assert sampled.returncode == 0, sampled.stderr
     assert "built 3 of" in sampled.stdout
     assert "left out: guide tables; 4 samples" in sampled.stdout
     shaded = script("part3_shade", tmp_path / "two" / "samples_4.npz", "--explain", "--out", tmp_path / "three")
-    assert "left out: most pairs of pixel and light" in shaded.stdout or "shade (" in shaded.stdout
+    assert "4 samples: left out: brute force over pairs" in shaded.stdout or "shade (" in shaded.stdout
     assert "left out" not in script("part3_shade", tmp_path / "two" / "samples_4.npz", "--out", tmp_path / "x").stdout

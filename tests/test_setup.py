@@ -19,7 +19,7 @@ TOOLS = (
 # fmt: on
 
 # Plays Python, and what set-up runs with it. The folder $STATE says what works: `device` (a device
-# does), `wheel` and `system` (installing PoCL so gives one that does), `ensurepip`, `index` (pip finds one).
+# does), `wheel` and `system` (installing PoCL so gives one that does), `ensurepip`, `pip says` (pip fails, with this).
 PYTHON = """#!/bin/bash
 echo "$*" >>"$STATE/calls"
 case "$*" in
@@ -27,7 +27,7 @@ case "$*" in
 '-c '*version_info*) echo "${VERSION:-3.12.1}"; echo "$STATE/bin/python3" ;;
 '-m venv '*) mkdir -p "$3/bin" && cp "$0" "$3/bin/python" ;;
 *'pip --quiet install --editable'*)
-    [ -e "$STATE/index" ] || { echo "broken by 'NewConnectionError'"; exit 1; } ;;
+    [ ! -e "$STATE/pip says" ] || { cat "$STATE/pip says"; exit 1; } ;;
 *'install pocl-binary-distribution') [ ! -e "$STATE/wheel" ] || touch "$STATE/device" ;;
 '-m lightdome.probe') [ -e "$STATE/device" ] && echo 'Some device' ;;
 esac
@@ -48,7 +48,8 @@ class Machine:
     def __init__(self, folder: Path) -> None:
         self.clone = folder / "a clone"
         (self.clone / "scripts").mkdir(parents=True)
-        for name in ("setup.cfg", "pyproject.toml", "scripts/setup.sh"):
+        (self.clone / "pyhost").mkdir()
+        for name in ("setup.cfg", "setup.py", "pyproject.toml", "scripts/setup.sh", "pyhost/__init__.py"):
             shutil.copy(ROOT / name, self.clone / name)
         self.state = folder / "state"
         # Stand-ins and links lie apart: writing a stand-in over a link would write into the system.
@@ -61,7 +62,7 @@ class Machine:
                 (self.tools / tool).symlink_to(found)
         self.program("id", "#!/bin/bash\necho 0\n")
         self.program("python3", PYTHON)
-        self.has("ensurepip", "index")
+        self.has("ensurepip")
 
     def program(self, name: str, text: str) -> None:
         """Put a stand-in on PATH, before the system's program of that name."""
@@ -214,15 +215,71 @@ def test_a_named_python_that_does_not_run_is_one_line(machine: Machine) -> None:
     assert result.stderr == "set-up: PYTHON=/nonexistent/python is not a Python 3.10 or newer that runs\n"
 
 
-def test_no_package_index_is_one_line_and_does_not_stay(machine: Machine) -> None:
+RETRYING = "WARNING: Retrying (Retry(total=0, connect=None)) after connection broken by '{}': /simple/setuptools/"
+NONE = "ERROR: Could not find a version that satisfies the requirement setuptools>=64 (from versions: none)"
+OUTER = """\
+  error: subprocess-exited-with-error
+
+  × installing build dependencies did not run successfully.
+  │ exit code: 1
+  ╰─> [7 lines of output]
+      {}
+      {}
+      ERROR: No matching distribution found for setuptools>=64
+      [end of output]
+
+  note: This error originates from a subprocess, and is likely not a problem with pip.
+ERROR: Failed to build 'file:///clone' when installing build dependencies
+"""
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        OUTER.format(RETRYING.format("NewConnectionError(Failed to establish a new connection)"), NONE),  # pip 23
+        OUTER.format(RETRYING.format('NameResolutionError("Failed to resolve")'), NONE),  # pip 26
+        OUTER.format(RETRYING.format("ProxyError('Cannot connect to proxy.')"), NONE),
+        OUTER.format("", NONE),  # with PIP_RETRIES=0, PIP_NO_INDEX or more quiet
+    ],
+)
+def test_no_package_index_is_one_line_and_does_not_stay(machine: Machine, said: str) -> None:
     machine.has("device")
-    (machine.state / "index").unlink()
+    (machine.state / "pip says").write_text(said)
     result = machine.set_up()
     assert result.returncode == 1
     assert result.stderr.count("\n") == 1
     assert "network" in result.stderr
-    machine.has("index")
+    assert (machine.clone / ".venv" / "setup.log").read_text() == said
+    assert str(machine.clone / ".venv" / "setup.log") in result.stderr
+    (machine.state / "pip says").unlink()
     assert machine.set_up().returncode == 0
+
+
+def test_whatever_pip_fails_at_is_one_line_with_its_reason(machine: Machine) -> None:
+    reason = "Could not install packages due to an OSError: [Errno 28] No space left on device"
+    (machine.state / "pip says").write_text(f"Collecting lightdome\n  noise\nERROR: {reason}\n\n")
+    result = machine.set_up()
+    assert result.returncode == 1
+    assert result.stderr.count("\n") == 1
+    assert reason in result.stderr
+    assert "network" not in result.stderr
+
+
+def test_the_package_is_installed_again_when_its_version_changed(machine: Machine) -> None:
+    machine.has("device")
+    machine.set_up()
+    path = machine.clone / "pyhost" / "__init__.py"
+    path.write_text(path.read_text().replace('__version__ = "', '__version__ = "9.'))
+    machine.set_up()
+    assert "install --editable" in machine.calls
+
+
+def test_a_place_for_temporary_files_that_is_none_is_not_used(machine: Machine) -> None:
+    machine.has("device")
+    machine.program("python3", PYTHON.replace('echo "$*"', 'echo "${TMPDIR-} $*"'))
+    result = machine.set_up(TMPDIR="/nonexistent")
+    assert result.returncode == 0, result.stderr
+    assert "/nonexistent" not in machine.calls
 
 
 def test_a_device_that_the_caller_chose_in_vain_installs_nothing(machine: Machine) -> None:

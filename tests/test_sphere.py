@@ -11,7 +11,8 @@ from lightdome.disc import disc_mask, disc_tiles
 from lightdome.distribution import build_distribution
 from lightdome.envmap import EnvironmentMap
 from lightdome.errors import LightdomeError
-from lightdome.sphere import SAMPLES_A_ROW, exact, shade, shade_samples
+from lightdome.horizon import horizon_tables
+from lightdome.sphere import PIXELS, SAMPLES_A_ROW, exact, shade, shade_samples
 
 RESOLUTIONS = [1, 2, 3, 10, 63, 64, 101]
 
@@ -66,9 +67,9 @@ def test_grey_lights_give_the_same_image_from_one_channel(
     grey, tint = np.repeat(samples.flux[:, :1], 3, axis=1), np.array([1, 1, 2], np.float32)
     images, omitted = [], []
     for flux in (grey, grey * tint):
-        device.omitted.clear()
+        device.decisions.take()
         images.append(shade(device, samples.direction, flux, 50, brute_force=brute_force))
-        omitted.append("two channels of three" in device.omitted)
+        omitted.append(not {d.what: d.used for d in device.decisions.take()}["separate channels"])
     assert omitted == [True, False]
     np.testing.assert_array_equal(images[0] * tint, images[1])
 
@@ -79,6 +80,122 @@ def test_the_exact_image_meets_the_float64_sum(device: Device) -> None:
     mask = inside(33)
     expected = reference.exact(radiance, reference.normals(33)[mask])
     np.testing.assert_allclose(image[mask], expected, rtol=2e-6)
+
+
+@pytest.mark.parametrize("resolution", [1, 2, 17, 40])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (2, 2), (3, 5), (9, 20), (21, 43), (5, 600)])
+def test_the_exact_image_of_areas_meets_quadrature(device: Device, shape: tuple[int, int], resolution: int) -> None:
+    radiance = np.exp(np.random.default_rng(3).normal(0, 2, (*shape, 3))).astype(np.float32)
+    image = exact(device, EnvironmentMap(radiance), resolution, 0.8, pixels="areas")
+    mask = inside(resolution)
+    some = slice(None, None, 1 + mask.sum() // max(5, 50 - shape[1] // 10))
+    expected = reference.exact_areas(radiance, reference.normals(resolution)[mask][some], 0.8)
+    assert np.abs(image[mask][some] - expected).max() < 1e-6 * image.max()
+    assert not image[~mask].any()
+
+
+@pytest.mark.parametrize("place", [(0, 0), (2, 3), (3, 9), (4, 4), (7, 15)])
+def test_under_one_lamp_areas_meet_quadrature_where_centres_are_far_off(device: Device, place: tuple[int, int]) -> None:
+    radiance = np.zeros((8, 16, 3), np.float32)
+    radiance[place] = 1
+    mask = inside(33)
+    images = {p: exact(device, EnvironmentMap(radiance), 33, pixels=p)[mask] for p in PIXELS}
+    expected = reference.exact_areas(radiance, reference.normals(33)[mask])
+    peak = expected.max()
+    assert np.abs(images["areas"] - expected).max() < 1e-6 * peak
+    assert (images["areas"] >= 0).all()
+    difference = (images["centres"] - expected) / peak
+    assert np.abs(difference).max() > 0.04
+    assert difference.min() < 0 < difference.max()
+
+
+def test_the_two_integrals_approach_each_other_as_one_over_the_height(device: Device) -> None:
+    differences = []
+    for height in (8, 16, 32, 64):
+        radiance = np.zeros((height, 2 * height, 3), np.float32)
+        radiance[height // 4, 3 * height // 8] = 1
+        centres, areas = (exact(device, EnvironmentMap(radiance), 63, pixels=p) for p in PIXELS)
+        differences.append(np.abs(centres - areas).max() / areas.max())
+    np.testing.assert_allclose(np.divide(differences[:-1], differences[1:]), 2, rtol=0.25)
+
+
+def test_areas_under_a_sun_of_one_pixel(device: Device) -> None:
+    radiance = np.zeros((512, 1024, 3), np.float32)
+    radiance[170, 204] = 1
+    centres, areas = (exact(device, EnvironmentMap(radiance), 511, pixels=p).astype(np.float64) for p in PIXELS)
+    mask = inside(511)
+    assert 5e-4 < np.abs(centres - areas).max() / areas.max() < 1e-3
+    edge = np.argwhere(mask & (areas[..., 0] > 0) & (areas[..., 0] < 2e-3 * areas.max()))[::200]
+    rest = np.argwhere(mask)[::20011]
+    for y, x in (edge.T, rest.T):
+        expected = reference.exact_areas(radiance, reference.normals(511)[y, x], nodes=8)
+        assert np.abs(areas[y, x] - expected).max() < 1e-6 * areas.max()
+
+
+@pytest.mark.parametrize("resolution", [511, 8192, 16384])
+def test_what_the_row_at_the_pole_sends_to_normals_near_the_equator(resolution: int) -> None:
+    # The horizon turns along a meridian within a part of a column there, which takes more pieces than columns.
+    height, width = 64, 512
+    bounds, start, polynomials = horizon_tables(resolution, height, width, 0, 1)
+    x, weight = np.polynomial.legendre.leggauss(20)
+    for row in (resolution // 2 - 1, resolution // 2 - 4):
+        n_y = (resolution - 2 * row - 1) / resolution
+        s, edge = np.sqrt(1 - n_y**2), np.pi / height
+        begin = np.arccos(-n_y / (s * np.tan(edge))) - np.pi / 2
+        ends = np.geomspace(begin, np.pi / 2, 60)  # azimuth from the meridian's turn on
+        u = (ends[1:] + ends[:-1])[:, None] / 2 + (ends[1:] - ends[:-1])[:, None] / 2 * x + np.pi / 2
+        horizon = np.arctan2(n_y, -s * np.cos(u))
+        theta = horizon[..., None] * (1 + x) / 2
+        seen = (s * np.cos(u)[..., None] * np.sin(theta) + n_y * np.cos(theta)) * np.sin(theta)
+        through = (seen * weight).sum(axis=-1) * horizon / 2
+        expected = ((through * weight).sum(axis=1) * (ends[1:] - ends[:-1]) / 2).sum() / np.pi
+        found = polynomials[start[row, 0] + int(bounds[row, 0, 3]), 0]
+        pixel = 2 / width * edge * np.sin(edge / 2)
+        assert abs(found - expected) < 1e-6 * pixel
+
+
+def test_even_light_on_areas_gives_the_maps_colour(device: Device) -> None:
+    colour = np.array([0.25, 0.5, 1], np.float32)
+    for height, width in ((1, 1), (5, 3), (64, 128)):
+        envmap = EnvironmentMap(np.full((height, width, 3), colour))
+        np.testing.assert_allclose(exact(device, envmap, 63, pixels="areas")[inside(63)] / colour, 1, atol=1e-6)
+
+
+def test_a_sun_on_areas_leaves_the_shadow_its_digits(device: Device) -> None:
+    radiance = stiff_radiance(32, 64)
+    radiance[10, 50] = 1e12
+    image, mask = exact(device, EnvironmentMap(radiance), 33, pixels="areas"), inside(33)
+    expected = reference.exact_areas(radiance, reference.normals(33)[mask][::7], nodes=8)
+    shadow = expected.max(axis=1) < 1e-6 * expected.max()
+    assert 0.3 < shadow.mean() < 0.95
+    np.testing.assert_allclose(image[mask][::7][shadow], expected[shadow], rtol=1e-4)
+    assert (image >= 0).all()
+
+
+@pytest.mark.parametrize("peak", [3e38, 1e-39])
+def test_areas_at_the_ends_of_the_range(device: Device, peak: float) -> None:
+    radiance = (np.random.default_rng(0).random((16, 32, 3)) * peak).astype(np.float32)
+    image, mask = exact(device, EnvironmentMap(radiance), 9, pixels="areas"), inside(9)
+    expected = reference.exact_areas(radiance, reference.normals(9)[mask])
+    np.testing.assert_allclose(image[mask], expected, rtol=2e-6, atol=2.0**-149)
+
+
+def test_a_grey_map_of_areas_gives_the_same_image_from_one_channel(device: Device) -> None:
+    radiance = np.repeat(stiff_radiance(16, 33)[..., :1], 3, axis=2)
+    radiance[3, 30] = 1e6
+    images, omitted = [], []
+    for tint in ((1, 1, 1), (1, 1, 2)):
+        device.decisions.take()
+        images.append(exact(device, EnvironmentMap(radiance * np.float32(tint)), 20, pixels="areas") / np.float32(tint))
+        omitted.append(not {d.what: d.used for d in device.decisions.take()}["separate channels"])
+    assert omitted == [True, False]
+    assert np.abs(images[0] - images[1]).max() < 1e-6 * images[0].max()
+
+
+@pytest.mark.parametrize("pixels", ["area", "", None])
+def test_other_pixels_are_refused(device: Device, stiff: EnvironmentMap, pixels: object) -> None:
+    with pytest.raises(LightdomeError, match="centres, areas"):
+        exact(device, stiff, 9, pixels=pixels)
 
 
 def test_no_light_is_black(device: Device) -> None:
@@ -187,7 +304,8 @@ def test_samples_converge_to_the_exact_image(device: Device) -> None:
 
 
 def test_a_black_map_gives_black(device: Device) -> None:
-    assert not exact(device, EnvironmentMap(np.zeros((4, 8, 3))), 16).any()
+    for pixels in PIXELS:
+        assert not exact(device, EnvironmentMap(np.zeros((4, 8, 3))), 16, pixels=pixels).any()
 
 
 @pytest.mark.parametrize("resolution", [0, -1, 16385])

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, Script, fails_in_one_line, stiff_radiance
 from lightdome import buffers, peer_mitsuba, peer_mitsuba_distribution, peers, reference, stability, stability_cases
+from lightdome.checks import made
 from lightdome.device import Device
 from lightdome.disc import disc_mask
 from lightdome.distribution import build_distribution
@@ -158,11 +159,13 @@ def by_differences(p: np.ndarray) -> np.ndarray:
 
 
 def one_wrong(p: np.ndarray) -> np.ndarray:
+    p = p.copy()
     p[7, 9] *= np.float32(1 + 5e-6)
     return p
 
 
 def one_nan(p: np.ndarray) -> np.ndarray:
+    p = p.copy()
     p[7, 9] = np.nan
     return p
 
@@ -173,7 +176,8 @@ def shifted(samples: Samples) -> Samples:
     radiance = stiff_radiance(21, 43)
     x, y = pixel.T
     p = reference.probability(radiance)[y, x]
-    return replace(samples, pixel=pixel, radiance=radiance[y, x], probability=p.astype(np.float32))
+    wrong = {"pixel": pixel, "radiance": radiance[y, x], "probability": p.astype(np.float32)}
+    return made(Samples, **{**vars(samples), **wrong})
 
 
 @pytest.mark.parametrize(

@@ -4,9 +4,13 @@
 import sys
 from pathlib import Path
 
-import lightdome
+try:
+    import lightdome
+except ImportError:
+    sys.exit("lightdome is not installed for this Python; run scripts/demo, then the lesson with .venv/bin/python")
 
-path = Path(sys.argv[1] if len(sys.argv) > 1 else "data/default.exr")
+clone = Path(__file__).resolve().parents[2]
+path = Path(sys.argv[1]) if len(sys.argv) > 1 else clone / "data" / "default.exr"
 out = Path("out/tutorial")
 out.mkdir(parents=True, exist_ok=True)
 

@@ -4,14 +4,18 @@
 import sys
 from pathlib import Path
 
-import lightdome
-import numpy as np
-from lightdome.reference import relative_rmse
-from lightdome.render import render
+try:
+    import lightdome
+    import numpy as np
+    from lightdome.reference import relative_rmse
+    from lightdome.render import render
+except ImportError:
+    sys.exit("lightdome is not installed for this Python; run scripts/demo, then the lesson with .venv/bin/python")
 
 SIZE = 255
 
-path = Path(sys.argv[1] if len(sys.argv) > 1 else "data/default.exr")
+clone = Path(__file__).resolve().parents[2]
+path = Path(sys.argv[1]) if len(sys.argv) > 1 else clone / "data" / "default.exr"
 out = Path("out/tutorial")
 out.mkdir(parents=True, exist_ok=True)
 device = lightdome.open_device()

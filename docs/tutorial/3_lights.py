@@ -4,12 +4,16 @@
 import sys
 from pathlib import Path
 
-import lightdome
-from lightdome.reference import relative_rmse
+try:
+    import lightdome
+    from lightdome.reference import relative_rmse
+except ImportError:
+    sys.exit("lightdome is not installed for this Python; run scripts/demo, then the lesson with .venv/bin/python")
 
 SIZE = 255
 
-path = Path(sys.argv[1] if len(sys.argv) > 1 else "data/default.exr")
+clone = Path(__file__).resolve().parents[2]
+path = Path(sys.argv[1]) if len(sys.argv) > 1 else clone / "data" / "default.exr"
 out = Path("out/tutorial")
 out.mkdir(parents=True, exist_ok=True)
 device = lightdome.open_device()

@@ -1,0 +1,176 @@
+"""Checks of what public functions are given: one line says what was expected and what came.
+
+Each returns the value in the one form that the rest of the code knows, and raises :class:`LightdomeError`.
+"""
+
+from __future__ import annotations
+
+import math
+import numbers
+import operator
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from .errors import LightdomeError, one_line
+from .float_range import LARGEST
+
+T = TypeVar("T")
+
+SHOWN = 6  # items of a list
+BRIGHTEST = 1e200  # of lights; sums of as many as there can be, times an albedo, stay in float64's range
+UNIT = 1e-4  # how far a unit vector's length may be from 1, after rounding or a few printed digits
+
+
+def told(value: object) -> str:
+    """What a value is, in a few words, however large it is."""
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {value.shape} and type {value.dtype}"
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, list | tuple):
+        more = ", ..." if len(value) > SHOWN else ""
+        return f"[{', '.join(told(item) for item in value[:SHOWN])}{more}]"
+    if isinstance(value, int) and value.bit_length() > 200:  # Python would refuse to write it, from 4300 digits on
+        return f"a number of {value.bit_length()} bits"
+    if value is None or isinstance(value, bool | int | float | complex | os.PathLike):
+        return one_line(str(value))
+    if isinstance(value, str | bytes):
+        return one_line(repr(value[:80]))
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    name = type(value).__name__
+    return f"{'an' if name[0] in 'AEIOUaeiou' else 'a'} {name}"
+
+
+def instance(what: str, value: object, kind: type) -> None:
+    """Refuse what is no ``kind``, as where two arguments are exchanged."""
+    if not isinstance(value, kind):
+        raise LightdomeError(f"{what} is of type {kind.__name__}, not {told(value)}; see the order of the arguments")
+
+
+def whole(what: str, value: object, low: int, high: int) -> int:
+    """A whole number from ``low`` to ``high``; of any integer type, but no float, and no bool."""
+    try:
+        number = None if isinstance(value, bool) else operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        number = None
+    if number is None or not low <= number <= high:
+        raise LightdomeError(f"{what} is a whole number from {low} to {high}, not {told(value)}")
+    return number
+
+
+def wholes(what: str, values: object, low: int, high: int) -> list[int]:
+    """One whole number from ``low`` to ``high``, or more, in a list or any other sequence."""
+    right = not isinstance(values, str | bytes) and isinstance(values, Iterable) and np.ndim(values) == 1  # type: ignore
+    if not right:
+        raise LightdomeError(f"{what} are whole numbers from {low} to {high} in a list, not {told(values)}")
+    result = [whole(f"each of the {what}", value, low, high) for value in values]
+    if not result:
+        raise LightdomeError(f"{what} are one whole number from {low} to {high} or more, not none")
+    return result
+
+
+def real(what: str, value: object, wanted: str, low: float, high: float = math.inf) -> float:
+    """A finite number from ``low`` to ``high``, which ``wanted`` says in words."""
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value.item()
+    number = math.nan
+    if isinstance(value, numbers.Real) and not isinstance(value, bool):
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+    if not (math.isfinite(number) and low <= number <= high):
+        raise LightdomeError(f"{what} is {wanted}, not {told(value)}")
+    return number
+
+
+def positive(what: str, value: object) -> float:
+    """A finite number above 0."""
+    return real(what, value, "a finite number above 0", math.ulp(0.0))
+
+
+def albedo(value: object) -> float:
+    """A surface's albedo; above 1 it is no surface's, but useful as a scale."""
+    return real("the albedo", value, f"a number from 0 to {LARGEST:.2g}", 0, LARGEST)
+
+
+def choice(what: str, value: object, names: Iterable[str]) -> str:
+    """One of ``names``."""
+    if not (isinstance(value, str) and value in names):
+        raise LightdomeError(f"unknown {what} {told(value)}; there is {', '.join(names)}")
+    return value
+
+
+def path(value: object) -> Path:
+    """A file's path, which Python can open."""
+    if not isinstance(value, str | os.PathLike):
+        raise LightdomeError(f"a file is named by a path, not by {told(value)}")
+    result = Path(os.fsdecode(value))
+    if "\0" in str(result):
+        raise LightdomeError(f"no file can be named {told(str(result))}")
+    return result
+
+
+def array(
+    what: str,
+    value: object,
+    shape: tuple[int | str, ...] | None = None,
+    dtype: DTypeLike = None,
+    own: bool = False,
+) -> np.ndarray:
+    """An array of real numbers, of ``shape``, where a letter stands for any number, and converted to ``dtype``.
+
+    It is ``value`` itself where nothing is to be done, unless it is to be our ``own``: then nobody can write to it.
+    """
+    form = "" if shape is None else f"an array of shape ({', '.join(map(str, shape))}{',' * (len(shape) == 1)}) of "
+    try:
+        result = np.asarray(value)
+    except (ValueError, TypeError):  # rows of different lengths
+        result = np.empty(0, object)
+    if result.dtype.kind not in "fiu":
+        raise LightdomeError(f"{what} is {form}real numbers, not {told(value)}")
+    if shape is not None and (
+        result.ndim != len(shape) or any(n != m for n, m in zip(shape, result.shape, strict=True) if isinstance(n, int))
+    ):
+        raise LightdomeError(f"{what} is {form}real numbers, not one of shape {result.shape}")
+    with np.errstate(over="ignore"):  # to infinity
+        if not own:
+            return result.astype(dtype or result.dtype, copy=False)
+        result = np.array(result, dtype, order="C", copy=True)
+    result.flags.writeable = False
+    return result
+
+
+def lights(direction: object, flux: object, own: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors (N, 3) float32, and as many fluxes (N, 3) float64, 0 to :data:`BRIGHTEST`; see :func:`array`."""
+    direction = array("direction", direction, ("N", 3), np.float32, own)
+    flux = array("flux", flux, ("N", 3), np.float64, own)
+    if len(direction) != len(flux):
+        raise LightdomeError(f"each direction has one flux, but there are {len(direction)} and {len(flux)}")
+    with np.errstate(over="ignore"):
+        unit = np.abs(np.einsum("nc,nc->n", direction, direction) - 1) <= 2 * UNIT
+    if not unit.all():
+        n = int(np.argmin(unit))
+        raise LightdomeError(
+            f"a direction is a unit vector, not {told(direction[n].tolist())} (light {n}); divide each by its length"
+        )
+    if flux.size and not (flux.min() >= 0 and flux.max() <= BRIGHTEST):
+        n = int(np.argmin(((flux >= 0) & (flux <= BRIGHTEST)).all(axis=1)))
+        raise LightdomeError(f"a flux is from 0 to {BRIGHTEST:g}, not {told(flux[n].tolist())} (light {n})")
+    return direction, flux
+
+
+def made(kind: type[T], **values: object) -> T:
+    """A frozen dataclass of values that are our own and right: arrays are not copied, only made read-only."""
+    result = object.__new__(kind)
+    for name, value in values.items():
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
+        object.__setattr__(result, name, value)
+    return result

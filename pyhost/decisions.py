@@ -1,0 +1,41 @@
+"""What was used for a scene and what was skipped because the scene does not need it, each with its reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Decision:
+    """``what`` was ``used``, or else left out, because of ``why``."""
+
+    what: str
+    used: bool
+    why: str
+
+    def __str__(self) -> str:
+        return f"{'used' if self.used else 'left out'}: {self.what}; {self.why}"
+
+
+class Decisions:
+    """The decisions since they were last taken, in the order in which they were first made.
+
+    A later decision on the same thing replaces the earlier one.
+    """
+
+    def __init__(self) -> None:
+        self._made: dict[str, Decision] = {}
+
+    def use(self, what: str, why: str) -> None:
+        """Note that ``what`` is used."""
+        self._made[what] = Decision(what, True, why)
+
+    def skip(self, what: str, why: str) -> None:
+        """Note that ``what`` is left out."""
+        self._made[what] = Decision(what, False, why)
+
+    def take(self) -> list[Decision]:
+        """The decisions, and forget them: what follows is another result's."""
+        made = list(self._made.values())
+        self._made.clear()
+        return made

@@ -1,0 +1,53 @@
+"""What every script begins with: an ear for Ctrl-C, and the Python of .venv, where scripts/demo installs lightdome.
+
+The scripts import this before anything else. From here on Ctrl-C and SIGTERM end the process. If the Python that runs a
+script has no lightdome, it goes on in .venv. This file, and the syntax of the scripts, stay within Python 3.6: a Python
+that is too old for lightdome is no reason for a traceback.
+"""
+
+import os
+import signal
+import sys
+
+# Else a test has imported it.
+IS_SCRIPT = os.path.dirname(os.path.realpath(sys.argv[0])) == os.path.dirname(os.path.realpath(__file__))  # noqa: PTH120
+
+if IS_SCRIPT:
+    for _number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(_number) is not signal.SIG_IGN:  # as a shell has it for what runs in its background
+            signal.signal(_number, lambda number, _: os._exit(128 + number))
+
+import contextlib  # noqa: E402
+import importlib.util  # noqa: E402
+import shlex  # noqa: E402
+from pathlib import Path  # noqa: E402
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def has_lightdome() -> bool:
+    """Whether this Python can run lightdome; a mere folder of that name has no file, and does not count."""
+    if sys.version_info < (3, 10):  # noqa: UP036 - an older one may well run this
+        return False
+    found = importlib.util.find_spec("lightdome")
+    return found is not None and found.origin is not None
+
+
+def go_on_in_venv() -> None:
+    """Run the same command with the Python of .venv; return if there is none, or if it is what runs already."""
+    python = str(ROOT / ".venv" / "bin" / "python")
+    if sys.executable != python:
+        with contextlib.suppress(OSError):
+            os.execv(python, [python, *getattr(sys, "orig_argv", ["", *sys.argv])[1:]])
+
+
+if not has_lightdome():
+    go_on_in_venv()
+    version = "{}.{}.{}".format(*sys.version_info)
+    demo = shlex.quote(str(ROOT / "scripts" / "demo"))
+    sys.exit(f"{Path(sys.argv[0]).stem}: Python {version} has no lightdome; run {demo}, which sets it up")
+
+if IS_SCRIPT:
+    from lightdome import interrupts
+
+    interrupts.end_at_once()

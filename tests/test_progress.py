@@ -1,0 +1,92 @@
+"""Long work says how far it is: a bar on a terminal, a line now and then elsewhere, in order with all that is said."""
+
+from __future__ import annotations
+
+import io
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import LONG, ROOT, stiff_radiance
+from lightdome import progress
+from lightdome.images import write_image
+from lightdome.progress import Progress
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The seconds that the clock shows."""
+    now = [1000.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(Progress, "_last_line", float("-inf"))
+    return now
+
+
+def work(clock: list[float], seconds: int) -> None:
+    """Some work with other work in it, which says every second how far it is."""
+    with Progress("all") as whole:
+        for second in range(seconds):
+            with Progress("a part") as part:
+                part.update(0.5)
+            clock[0] += 1
+            whole.update((second + 1) / seconds)
+
+
+def test_where_there_is_no_terminal_a_line_comes_now_and_then(
+    clock: list[float], capsys: pytest.CaptureFixture[str]
+) -> None:
+    work(clock, 4)
+    assert capsys.readouterr().err == ""
+    work(clock, 100)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "all: 5 %, 95 s left"
+    assert 3 <= len(lines) <= 1 + 100 // 30
+    work(clock, 20)  # less than half a minute after the last line
+    assert capsys.readouterr().err == ""
+
+
+def test_what_works_inside_says_so_in_the_same_line(clock: list[float], capsys: pytest.CaptureFixture[str]) -> None:
+    with Progress("all"):
+        clock[0] += 10
+        with Progress("a part") as part:
+            clock[0] += 5
+            part.update(0.25)
+    assert capsys.readouterr().err == "all: 15 s so far; a part: 25 %, 15 s left\n"
+
+
+def test_a_terminal_shows_a_bar_and_no_lines(clock: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    work(clock, 100)
+    assert "\n" not in sys.stderr.getvalue()
+    assert "[####" in sys.stderr.getvalue()
+    assert sys.stderr.getvalue().endswith("\r\x1b[K")
+
+
+def test_messages_keep_their_order_in_one_pipe(tmp_path: Path) -> None:
+    write_image(tmp_path / "odd.pfm", stiff_radiance(9, 11))
+    command = [sys.executable, str(ROOT / "scripts" / "part2_sample.py"), "--map", str(tmp_path / "odd.pfm")]
+    result = subprocess.run(
+        [*command, "--counts", "4", "--out", str(tmp_path / "out")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=LONG,
+        env={**os.environ, "PYTHONUNBUFFERED": ""},
+    )
+    starts = [line.split()[0] for line in result.stdout.splitlines()]
+    assert starts == ["device:", "map:", "note:", "wrote", "exposure"]
+
+
+def test_nothing_is_said_of_short_work(capsys: pytest.CaptureFixture[str]) -> None:
+    with Progress("short") as short:
+        for fraction in np.linspace(0, 1, 5):
+            short.update(fraction)
+    assert capsys.readouterr().err == ""
