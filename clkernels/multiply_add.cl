@@ -8,6 +8,10 @@
 //
 // One work-item 16 x CHAINS chains: enough to cover the latency of a multiply-add.
 
+#include "fma.clh"
+
+#pragma OPENCL FP_CONTRACT OFF
+
 kernel void multiply_add(const float factor, const float term, const uint steps, global float16 *restrict result)
 {
     const float16 lane = (float16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
@@ -18,7 +22,7 @@ kernel void multiply_add(const float factor, const float term, const uint steps,
     for (uint s = 0; s < steps; ++s) {
 #pragma unroll
         for (int c = 0; c < CHAINS; ++c)
-            x[c] = fma(x[c], (float16)(factor), (float16)(term));
+            x[c] = FMA(x[c], (float16)(factor), (float16)(term));
     }
     float16 sum = 0.0f;
 #pragma unroll

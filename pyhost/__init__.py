@@ -71,6 +71,7 @@ if TYPE_CHECKING:
         programs,
         progress,
         radiance_hdr,
+        rates,
         reference,
         render,
         report,

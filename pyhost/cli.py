@@ -164,13 +164,24 @@ def load_map(args: argparse.Namespace) -> EnvironmentMap:
 
 
 def device_option(parser: argparse.ArgumentParser) -> None:
-    """Add ``--device``, for :func:`lightdome.device.open_device`."""
+    """Add ``--device``, for :func:`open_device`."""
     parser.add_argument(
         "--device",
         metavar="NAME",
         help="OpenCL device: PLATFORM[:DEVICE], indices or parts of any name that is shown"
-        " (default: $PYOPENCL_CTX, else the best that works)",
+        " (default: $PYOPENCL_CTX, else the fastest that works)",
     )
+
+
+def open_device(args: argparse.Namespace) -> Device:
+    """The device that ``--device`` names, or the fastest, and say which; a remark on it goes to standard error."""
+    from . import device  # only here: a script without one needs no OpenCL
+
+    opened = device.open_device(args.device)
+    print(f"device: {opened.description}")
+    if opened.note:
+        print(opened.note, file=sys.stderr)
+    return opened
 
 
 def explain_option(parser: argparse.ArgumentParser) -> None:

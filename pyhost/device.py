@@ -1,35 +1,42 @@
 """Choose and open an OpenCL device.
 
-A device counts only once it has compiled and run a trivial kernel in a child process
-(:mod:`lightdome.probe`), because a broken implementation lists its devices like a sound one.
-The choice, first match wins: the caller's ``--device``, the environment variable
-``PYOPENCL_CTX``, a GPU, the newest PoCL, any other device.
+A device counts only once it has compiled and run kernels in a child process (:mod:`lightdome.probe`), because a
+broken implementation lists its devices like a sound one. There it is measured, too (:mod:`lightdome.rates`). The
+fastest is taken, of those that ``--device`` or the environment variable ``PYOPENCL_CTX`` names, or else of all.
 """
 
 from __future__ import annotations
 
 import contextlib
+import json
 import os
-import re
 import subprocess
 import sys
+import time
 import warnings
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 
 from .cache import cache_folder, ensure_room, key_of
 from .checks import told
 from .decisions import Decisions
-from .errors import LightdomeError
+from .errors import LightdomeError, one_line
+from .files import replacing
 from .interrupts import Unheard
 from .profile import Profile
 from .programs import Kernel, Programs, check_process
+from .progress import Progress
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # pyopencl tells of optional packages that lightdome never uses
     import pyopencl as cl
 
+from .rates import Rates
+
 PROBE_SECONDS = 60.0
+FAILURE_SECONDS = 86400.0  # for which a failure is remembered where another device works
+FASTER = "apt-get install pocl-opencl-icd, or see Devices in the README"
 NO_DEVICE = "no OpenCL device works here; run scripts/demo, which sets one up, or: apt-get install pocl-opencl-icd"
 
 
@@ -45,6 +52,7 @@ class Device:
     context: cl.Context
     queue: cl.CommandQueue
     programs: Programs
+    rates: Rates
     profile: Profile = field(default_factory=Profile)
     decisions: Decisions = field(default_factory=Decisions)
 
@@ -52,6 +60,11 @@ class Device:
     def description(self) -> str:
         """The device's and its implementation's name, for people."""
         return _description(self.handle)
+
+    @property
+    def note(self) -> str | None:
+        """A remark on a device that is slow for its machine, and what helps; else None."""
+        return _slow(self.rates)
 
     @property
     def is_gpu(self) -> bool:
@@ -102,14 +115,46 @@ def open_device(choice: str | None = None) -> Device:
             raise LightdomeError(f"no OpenCL device matches {asked!r}; there is {known or 'none at all'}")
     else:
         matching = candidates
-    for candidate in sorted(matching, key=_preference):
-        if _works(candidate):
-            return _open(candidate.handle)
+    best = _fastest(_tried(matching))
+    if best:
+        return _open(best)
     if asked:
         raise LightdomeError(
-            f"the OpenCL device {asked!r} does not compile and run a trivial kernel; choose another with --device"
+            f"the OpenCL device {asked!r} does not compile and run kernels; choose another with --device"
         )
     raise LightdomeError(NO_DEVICE)
+
+
+def survey() -> str:
+    """All devices: first the one that is taken, alone on its line, then why, then a table of what they do.
+
+    Devices that failed are tried again. Raises :class:`LightdomeError` as :func:`open_device` does.
+    """
+    taken = open_device().handle
+    trials = _tried(_candidates(), again=True)
+    asked = os.environ.get("PYOPENCL_CTX")
+    working = sum(trial.rates is not None for trial in trials)
+    why = f"PYOPENCL_CTX={asked} names it" if asked else "the only one" if working == 1 else f"the fastest of {working}"
+    lines = [
+        _description(taken),
+        f"taken (*): {why}",
+        "",
+        f"  {'device':<8}{'multiply-adds':>14}{'copies':>12}{'frame':>10}",
+    ]
+    for trial in trials:
+        candidate, rates = trial.candidate, trial.rates
+        name = f"{'*' if candidate.handle == taken else ' '} {candidate.platform}:{candidate.index}"
+        does = f"  fails: {trial.failure}"
+        if rates:
+            does = (
+                f"{1e-9 * rates.multiply_adds:>10.0f} G/s{1e-9 * rates.copies:>7.0f} GB/s"
+                f"{1e3 * rates.frame_seconds:>7.1f} ms"
+            )
+        lines.append(f"{name:<10}{does}  {_description(candidate.handle)}")
+    for rates in (trial.rates for trial in trials if trial.candidate.handle == taken and trial.rates):
+        lines.append(f"  {'numpy':<8}{1e-9 * rates.numpy:>10.0f} G/s")
+        lines += filter(None, [_slow(rates)])
+    return "\n".join(lines)
 
 
 @dataclass(frozen=True)
@@ -172,17 +217,40 @@ def _plain(name: str) -> str:
     return " ".join(name.casefold().split())
 
 
-def _preference(candidate: _Candidate) -> tuple[int, int, float]:
-    """Sort key: GPUs, then CPUs, then the rest; among them PoCL first, the newest first."""
-    kind = candidate.handle.type
-    rank = 0 if kind & cl.device_type.GPU else 1 if kind & cl.device_type.CPU else 2
-    pocl = re.search(r"PoCL (\d+)\.(\d+)", candidate.handle.platform.version)
-    version = int(pocl[1]) + int(pocl[2]) / 100 if pocl else 0.0
-    return rank, not pocl, -version
+@dataclass(frozen=True)
+class _Trial:
+    """What came of trying a device: its rates, or why it fails."""
+
+    candidate: _Candidate
+    rates: Rates | None
+    failure: str = ""
+    is_remembered: bool = False
 
 
-def _works(candidate: _Candidate) -> bool:
-    """Whether the device passed the probe, now or once before: a pass is remembered, a failure is not."""
+def _fastest(trials: list[_Trial]) -> _Trial | None:
+    return min((t for t in trials if t.rates), key=lambda t: t.rates.frame_seconds, default=None)  # type: ignore[union-attr]
+
+
+def _tried(candidates: list[_Candidate], again: bool = False) -> list[_Trial]:
+    """Every candidate with its rates, from now or from an earlier time.
+
+    Failures of the last day are remembered too, unless nothing works or they are to be tried ``again``.
+    """
+    trials = []
+    with Progress("trying OpenCL devices") as progress:
+        for done, candidate in enumerate(candidates):
+            progress.update(done / len(candidates))
+            trials.append(_remembered(candidate) or _probe(candidate))
+        if again or not _fastest(trials):
+            trials = [_probe(t.candidate) if t.is_remembered and not t.rates else t for t in trials]
+    if _fastest(trials):
+        for trial in trials:
+            if not trial.is_remembered:
+                _remember(trial)
+    return trials
+
+
+def _record(candidate: _Candidate) -> Path:
     handle = candidate.handle
     identity = [
         handle.platform.name,
@@ -191,23 +259,49 @@ def _works(candidate: _Candidate) -> bool:
         handle.driver_version,
         cl.VERSION_TEXT,
     ]
-    passed = cache_folder("devices") / key_of(*identity)
-    if passed.exists():
-        return True
-    if not _passes_probe(candidate):
-        return False
-    with contextlib.suppress(OSError):  # no place to remember it: the next run probes again
-        passed.parent.mkdir(parents=True, exist_ok=True)
-        passed.touch()
-    return True
+    return cache_folder("devices") / f"{key_of(*identity)}.json"
 
 
-def _passes_probe(candidate: _Candidate) -> bool:
+def _remembered(candidate: _Candidate) -> _Trial | None:
+    record = _record(candidate)
+    with contextlib.suppress(OSError, ValueError, TypeError, KeyError):
+        known = json.loads(record.read_text(encoding="utf-8"))
+        if "failure" not in known:
+            return _Trial(candidate, Rates.from_json(known["rates"]), is_remembered=True)
+        if 0 <= time.time() - record.stat().st_mtime < FAILURE_SECONDS:
+            return _Trial(candidate, None, one_line(known["failure"]), is_remembered=True)
+    return None
+
+
+def _remember(trial: _Trial) -> None:
+    record = _record(trial.candidate)
+    content = {"rates": trial.rates.to_json()} if trial.rates else {"failure": trial.failure}
+    with contextlib.suppress(OSError, LightdomeError):  # no place for it: the next run probes again
+        record.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(record) as temporary:
+            temporary.write_text(json.dumps(content) + "\n", encoding="utf-8")
+
+
+def _probe(candidate: _Candidate) -> _Trial:
     command = [sys.executable, "-m", "lightdome.probe", str(candidate.platform), str(candidate.index)]
     try:
-        return subprocess.run(command, capture_output=True, timeout=PROBE_SECONDS).returncode == 0
+        child = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=PROBE_SECONDS)
     except subprocess.TimeoutExpired:
-        return False
+        return _Trial(candidate, None, f"no answer in {PROBE_SECONDS:.0f} s")
+    with contextlib.suppress(ValueError, TypeError, IndexError):
+        if child.returncode == 0:
+            return _Trial(candidate, Rates.from_json(json.loads(child.stdout.splitlines()[-1])))
+    said = child.stderr.strip().splitlines() or [f"the process ended with {child.returncode}"]
+    return _Trial(candidate, None, one_line(said[-1].removeprefix("probe: ").removeprefix("the device fails: ")))
+
+
+def _slow(rates: Rates) -> str | None:
+    if not rates.is_slow:
+        return None
+    return (
+        f"note: this OpenCL device does {1e-9 * rates.multiply_adds:.0f} G multiply-adds a second, less than a third of"
+        f" numpy's {1e-9 * rates.numpy:.0f} G; for a faster one: {FASTER}"
+    )
 
 
 def _description(handle: cl.Device) -> str:
@@ -215,8 +309,10 @@ def _description(handle: cl.Device) -> str:
     return f"{handle.name.strip()}, {handle.platform.name.strip()} ({' '.join(version.split()[1:3]) or version})"
 
 
-def _open(handle: cl.Device) -> Device:
+def _open(trial: _Trial) -> Device:
+    handle, rates = trial.candidate.handle, trial.rates
+    assert rates is not None
     with Unheard():  # as above, for implementations that start their threads here
         context = cl.Context([handle])
         queue = cl.CommandQueue(context, properties=cl.command_queue_properties.PROFILING_ENABLE)
-    return Device(handle, context, queue, Programs(context))
+    return Device(handle, context, queue, Programs(context, FUSED=int(rates.is_fused)), rates)

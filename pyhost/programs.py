@@ -57,6 +57,14 @@ def check_process(opened_by: int) -> None:
         )
 
 
+def compiler_says(error: cl.Error) -> str:
+    """The line that matters of what a failed build says; pyopencl leaves its source on disk, and that goes."""
+    said = str(error)
+    if saved := _SAVED.search(said):
+        Path(saved[1]).unlink(missing_ok=True)
+    return one_line(next((line for line in said.splitlines() if "error" in line), said))
+
+
 class Kernel:
     """A kernel of a program, to be called as pyopencl's own is, in the process that opened its device."""
 
@@ -71,10 +79,11 @@ class Kernel:
 
 
 class Programs:
-    """The kernels of one context, built when they are first asked for."""
+    """The kernels of one context, built when they are first asked for, all with ``-D`` for each of ``defines``."""
 
-    def __init__(self, context: cl.Context) -> None:
+    def __init__(self, context: cl.Context, **defines: int) -> None:
         self._context = context
+        self._defines = defines
         self._kernels: dict[tuple[str, tuple[tuple[str, int], ...]], Kernel] = {}
         self._process = os.getpid()
 
@@ -100,19 +109,16 @@ class Programs:
         self.check_process()
         key = (name, tuple(sorted(defines.items())))
         if key not in self._kernels:
-            options = ["-cl-std=CL1.2", *(f"-D{define}={value}" for define, value in key[1])]
+            of_all = {**self._defines, **defines}
+            options = ["-cl-std=CL1.2", *(f"-D{define}={value}" for define, value in sorted(of_all.items()))]
             program = cl.Program(self._context, source(f"{name}.cl"))
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", cl.CompilerWarning)  # chatter of a build that went well
                 try:
                     program.build(options)
                 except cl.RuntimeError as error:
-                    said = str(error)
-                    if saved := _SAVED.search(said):  # pyopencl leaves the source on disk
-                        Path(saved[1]).unlink(missing_ok=True)
-                    first = next((line for line in said.splitlines() if "error" in line), said)
                     raise LightdomeError(
-                        f"the OpenCL compiler refuses clkernels/{name}.cl ({one_line(first)});"
+                        f"the OpenCL compiler refuses clkernels/{name}.cl ({compiler_says(error)});"
                         " choose another device with --device"
                     ) from error
             self._kernels[key] = Kernel(getattr(program, name))

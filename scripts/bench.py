@@ -92,14 +92,12 @@ def run(args: argparse.Namespace) -> None:
     envmap = cli.load_map(args)
 
     from lightdome import benchmark, benchmark_plot, peers
-    from lightdome.device import open_device
     from lightdome.errors import LightdomeError
     from lightdome.progress import Progress
     from lightdome.settings import settings
     from lightdome.sphere import exact_kept
 
-    device = open_device(args.device)
-    print(f"device: {device.description}")
+    device = cli.open_device(args)
     print(f"map: {args.map}, {envmap.width} x {envmap.height}")
     methods = benchmark.methods(device, envmap, args.resolution)
     chosen = [method for name, method in methods.items() if not args.methods or name in args.methods]
@@ -166,12 +164,10 @@ def run_roofline(args: argparse.Namespace) -> None:
 
     from lightdome import benchmark, roofline, roofline_plot, roofline_stages
     from lightdome.benchmark_plot import save
-    from lightdome.device import open_device
     from lightdome.progress import Progress
     from lightdome.settings import settings
 
-    device = open_device(args.device)
-    print(f"device: {device.description}")
+    device = cli.open_device(args)
     print(f"map: {args.map}, {envmap.width} x {envmap.height}")
     heights, resolutions, counts = ROOFLINE_QUICK if args.quick else ROOFLINE
     sides = sorted({*resolutions, args.resolution})

@@ -59,12 +59,10 @@ def main() -> None:
 
     out = cli.output_folder(args.out, images=not args.samples_only)
 
-    from lightdome.device import open_device
     from lightdome.images import ImageRows
 
     image = ImageRows(args.map, layer=args.layer, flip=args.flip)
-    device = open_device(args.device)
-    print(f"device: {device.description}")
+    device = cli.open_device(args)
     print(f"map: {args.map}, {image.width} x {image.height}")
     if args.samples_only:
         write_samples(args, out, image, device)

@@ -36,12 +36,10 @@ def main() -> None:
     out = cli.output_folder(args.out, images=True)
 
     from lightdome import settings
-    from lightdome.device import open_device
     from lightdome.images import auto_exposure, tone_map, write_image
     from lightdome.sphere import shade_samples
 
-    device = open_device(args.device)
-    print(f"device: {device.description}")
+    device = cli.open_device(args)
     exposure, lines = args.exposure, []
     # The largest set first: it knows best how bright the sphere is, and one exposure serves all.
     for count, samples in sorted(sets.items(), reverse=True):

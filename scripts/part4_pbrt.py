@@ -105,10 +105,7 @@ def main() -> None:
     if program:
         images = pbrt.render(program, scenes)
     else:
-        from lightdome.device import open_device
-
-        device = open_device(args.device)
-        print(f"device: {device.description}")
+        device = cli.open_device(args)
         images = with_opencl(args, envmap, device)
     done = {}
     for spp, image in images:

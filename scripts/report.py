@@ -80,15 +80,13 @@ def main() -> None:
 
 def make(args: argparse.Namespace) -> None:
     from lightdome import pbrt, peer_mitsuba, report, settings
-    from lightdome.device import open_device
 
     report.require_typst()
     if args.pbrt:
         pbrt.find_pbrt(args.pbrt)  # before work that would be for nothing
     out = cli.output_folder(args.out, images=True)
     envmap = cli.load_map(args)
-    device = open_device(args.device)
-    print(f"device: {device.description}")
+    device = cli.open_device(args)
     print(f"map: {args.map}, {envmap.width} x {envmap.height}")
 
     of_version: dict[str, object] = {"versions": {"lightdome": __version__}}

@@ -10,7 +10,8 @@
 #   .venv     is made anew if it is unfinished, was moved, or its Python changed;
 #   package   is installed again if what describes it changed, or its version;
 #   device    counts once it has compiled and run a kernel (lightdome.probe). If none does: PoCL from
-#             its wheel, and if that does not work either, PoCL from the system's packages.
+#             its wheel (58 MB, needs no root); if that does not work or is slow here, PoCL from the
+#             system's packages; and if still nothing works, Intel's runtime from PyPI (280 MB, proprietary).
 #
 # PYTHON may name the interpreter that .venv is to be made with.
 
@@ -36,6 +37,7 @@ set_up() {
     find_device
     unlock
     say "Python $(sed -n 's/^python //p' "$finished"), OpenCL device: $device"
+    [ -z "$slow" ] || say "$slow"
 }
 
 # Settings of the caller's that would lead Python or pip away from .venv, and a home for caches.
@@ -171,11 +173,16 @@ find_device() {
     fi
     pocl_from_wheel && return 0
     pocl_from_system && return 0
-    fail "no OpenCL device works; $(advice pocl-opencl-icd)"
+    [ -n "$device" ] || intel_from_pypi || fail "no OpenCL device works; $(advice pocl-opencl-icd)"
 }
 
+# Sets device, and slow to what the probe says of a device that is slow for its machine.
 device_works() {
-    device=$("$python" -m lightdome.probe 2>"$log" </dev/null) && [ -n "$device" ]
+    local said
+    device='' slow=''
+    said=$("$python" -m lightdome.probe 2>"$log" </dev/null) && [ -n "$said" ] || return 1
+    device=${said%%$'\n'*}
+    slow=$(sed -n 's/^note: //p' <<<"$said")
 }
 
 # The wheel knows no processor newer than its LLVM 14: there it lists a device that fails or crashes.
@@ -186,17 +193,32 @@ pocl_from_wheel() {
         say "pip could not install the wheel"
         return 1
     fi
-    device_works && return 0
+    if device_works; then
+        [ -n "$slow" ] || return 0
+        say "the wheel works, but is slow here"
+        return 1
+    fi
     say "the wheel does not work here; removing it"
     pip uninstall --yes pocl-binary-distribution || true
     return 1
 }
 
 pocl_from_system() {
-    say "no OpenCL device works yet; trying the system's package pocl-opencl-icd"
+    say "${device:+a faster OpenCL device: }trying the system's package pocl-opencl-icd"
     system_install pocl-opencl-icd || return 1
     device_works && return 0
     stop "pocl-opencl-icd is installed, but its device does not work${OCL_ICD_VENDORS:+ (OCL_ICD_VENDORS=$OCL_ICD_VENDORS hides it?)}; see: $python -m lightdome.probe 0 0"
+}
+
+# Needs no root, and knows processors that the wheel does not; its licence is Intel's own.
+intel_from_pypi() {
+    [ "$(uname -sm)" = 'Linux x86_64' ] || return 1
+    say "no OpenCL device works yet; trying Intel's runtime from PyPI (280 MB, under Intel's own licence)"
+    pip install intel-opencl-rt intel-cmplr-lib-rt || return 1
+    # pyopencl's loader looks beside itself too, where nobody else looks.
+    local vendors
+    vendors=$("$python" -c 'import pathlib, pyopencl; print(pathlib.Path(pyopencl.__file__).parent / ".libs")' 2>"$log")
+    printf '%s\n' "$venv/lib/libintelocl.so" >"$vendors/intel.icd" && device_works
 }
 
 # --- the system's packages -------------------------------------------------------------------------

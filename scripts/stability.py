@@ -34,14 +34,12 @@ def run(args: argparse.Namespace) -> None:
 
     from lightdome import peer_mitsuba_distribution, stability, stability_plot
     from lightdome.benchmark_plot import save
-    from lightdome.device import open_device
     from lightdome.errors import LightdomeError
     from lightdome.progress import Progress
     from lightdome.settings import settings
     from lightdome.stability_cases import CASES
 
-    device = open_device(args.device)
-    print(f"device: {device.description}")
+    device = cli.open_device(args)
     draws = QUICK_DRAWS if args.quick else DRAWS
     cases = [case for case in CASES if not (args.quick and case.large)]
     results, about, absent = [], {}, {}

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import json
+import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pyopencl as cl
 import pytest
+from conftest import stiff_radiance
 from lightdome import buffers, probe
+from lightdome import device as device_module
 from lightdome.device import Device, open_device
+from lightdome.distribution import build_distribution
+from lightdome.envmap import EnvironmentMap
 from lightdome.errors import LightdomeError
 from lightdome.programs import Programs, source
+from lightdome.rates import Rates
+from lightdome.sphere import shade_samples
 
 
 def test_a_device_is_found_by_part_of_its_name(device: Device) -> None:
@@ -100,10 +109,143 @@ def test_a_device_that_passed_the_probe_is_remembered(
     assert open_device(device.handle.name).handle == device.handle
 
 
-def test_the_probe_names_the_best_device() -> None:
+def test_the_probe_lists_devices_with_their_rates_and_the_one_that_is_taken_first(device: Device) -> None:
     result = subprocess.run([sys.executable, "-m", "lightdome.probe"], capture_output=True, text=True)
     assert result.returncode == 0
-    assert result.stdout.strip() == open_device().description
+    taken, why, _, *table = result.stdout.splitlines()
+    assert taken == open_device().description
+    assert why.startswith("taken (*): ")
+    (row,) = (line for line in table if line.startswith("*"))
+    assert f"{1e-9 * device.rates.multiply_adds:.0f} G/s" in row
+    assert row.endswith(taken)
+
+
+def test_the_probe_of_a_device_prints_its_rates(device: Device) -> None:
+    platform = cl.get_platforms().index(device.handle.platform)
+    index = device.handle.platform.get_devices().index(device.handle)
+    command = [sys.executable, "-m", "lightdome.probe", str(platform), str(index)]
+    result = subprocess.run(command, capture_output=True, text=True)
+    rates = Rates.from_json(json.loads(result.stdout))
+    assert rates.multiply_adds > 1e8
+    assert (rates.transfers is None) == device.shares_host_memory
+
+
+FAST = Rates(fused=2e11, plain=1e11, copies=5e10, transfers=None, launches=1e5, numpy=1e11)
+
+
+class Machine:
+    """A machine of devices whose rates, or failures, are made up; ``probed`` counts their probes."""
+
+    def __init__(self, handle: cl.Device, monkeypatch: pytest.MonkeyPatch, *devices: Rates | str) -> None:
+        self.devices = list(devices)
+        self.probed = [0] * len(devices)
+
+        class Numbered:
+            def __init__(self, number: int) -> None:
+                self.driver_version = f"driver {number}"
+
+            def __getattr__(self, name: str) -> object:
+                return getattr(handle, name)
+
+        found = [device_module._Candidate(0, number, Numbered(number)) for number in range(len(devices))]
+        monkeypatch.setattr(device_module, "_candidates", lambda: found)
+        monkeypatch.setattr(device_module, "_open", lambda trial: trial.candidate.index)
+        monkeypatch.setattr(subprocess, "run", self.run)
+
+    def run(self, command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
+        """The child process of the probe."""
+        number = int(command[-1])
+        self.probed[number] += 1
+        does = self.devices[number]
+        if isinstance(does, str):
+            return subprocess.CompletedProcess(command, 1, "", f"probe: the device fails: {does}\n")
+        return subprocess.CompletedProcess(command, 0, json.dumps(does.to_json()) + "\n", "")
+
+
+def test_the_fastest_device_is_taken(device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv("PYOPENCL_CTX", raising=False)
+    slow = replace(FAST, fused=5e10, plain=5e10)
+    far = replace(FAST, fused=1e13, plain=1e13, transfers=1e8)  # a quick GPU at the end of a slow bus
+    near = replace(FAST, fused=1e13, plain=1e13, transfers=2e10)
+    for devices, taken in (
+        ((slow, FAST, "broken"), 1),
+        ((FAST, far), 0),
+        ((FAST, near), 1),
+        ((replace(FAST, launches=1e3), FAST), 1),
+        ((replace(FAST, copies=1e9), FAST), 1),
+    ):
+        Machine(device.handle, monkeypatch, *devices)
+        assert open_device() == taken
+        for record in tmp_path.rglob("*.json"):
+            record.unlink()
+
+
+def test_a_failure_is_remembered_for_a_day_where_another_device_works(
+    device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv("PYOPENCL_CTX", raising=False)
+    machine = Machine(device.handle, monkeypatch, "broken", FAST)
+    assert [open_device(), open_device()] == [1, 1]
+    assert machine.probed == [1, 1]
+    for record in tmp_path.rglob("*.json"):
+        if "broken" in record.read_text():
+            os.utime(record, (0, 0))
+    open_device()
+    assert machine.probed == [2, 1]
+    # Asked for by name, a device is tried again.
+    machine.devices[0] = FAST
+    assert open_device("0:0") == 0
+
+
+def test_kernels_fuse_multiply_adds_where_that_is_not_slower() -> None:
+    assert FAST.is_fused
+    assert FAST.multiply_adds == FAST.fused
+    emulated = replace(FAST, fused=1.3e10, plain=6.5e10)
+    assert not emulated.is_fused
+    assert emulated.multiply_adds == emulated.plain
+
+
+def test_both_spellings_of_a_multiply_add_give_the_same_samples_and_nearly_the_same_image(device: Device) -> None:
+    images, pixels = [], []
+    for fused in (0, 1):
+        other = replace(device, programs=Programs(device.context, FUSED=fused))
+        distribution = build_distribution(other, EnvironmentMap(stiff_radiance(21, 43)))
+        samples = distribution.sample(1000, sequence="sobol")
+        pixels.append(samples.pixel)
+        images.append(shade_samples(other, samples, 33))
+    np.testing.assert_array_equal(*pixels)
+    np.testing.assert_allclose(*images, atol=1e-5 * images[0].max())
+    assert not np.array_equal(*images)
+
+
+def test_a_slow_device_has_a_note_that_says_what_to_install(device: Device) -> None:
+    assert replace(device, rates=FAST).note is None
+    note = replace(device, rates=replace(FAST, fused=1e10, plain=2e10)).note
+    assert note.startswith(
+        "note: this OpenCL device does 20 G multiply-adds a second, less than a third of numpy's 100 G"
+    )
+    assert "apt-get install pocl-opencl-icd" in note
+
+
+@pytest.mark.parametrize(
+    "record",
+    ["", "{", "[]", "{}", '{"rates": {"fused": 1}}', json.dumps({"rates": FAST.to_json() | {"plain": -1}})],
+)
+def test_a_damaged_record_of_a_device_is_made_again(
+    device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, record: str
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv("PYOPENCL_CTX", raising=False)
+    machine = Machine(device.handle, monkeypatch, FAST)
+    open_device()
+    (path,) = tmp_path.rglob("*.json")
+    whole = path.read_text()
+    path.write_text(record)
+    assert open_device() == 0
+    assert machine.probed == [2]
+    assert path.read_text() == whole
 
 
 @pytest.mark.parametrize(

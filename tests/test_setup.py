@@ -19,7 +19,7 @@ TOOLS = (
 # fmt: on
 
 # Plays Python, and what set-up runs with it. The folder $STATE says what works: `device` (a device
-# does), `wheel` and `system` (installing PoCL so gives one that does), `ensurepip`, `pip says` (pip fails, with this).
+# does), `wheel`, `system` and `intel` (installing that gives one that does), `slow` (a wheel's), `ensurepip`, `pip says` (pip fails, with this).
 PYTHON = """#!/bin/bash
 echo "$*" >>"$STATE/calls"
 case "$*" in
@@ -29,14 +29,19 @@ case "$*" in
 *'pip --quiet install --editable'*)
     [ ! -e "$STATE/pip says" ] || { cat "$STATE/pip says"; exit 1; } ;;
 *'install pocl-binary-distribution') [ ! -e "$STATE/wheel" ] || touch "$STATE/device" ;;
-'-m lightdome.probe') [ -e "$STATE/device" ] && echo 'Some device' ;;
+*'install intel-opencl-rt'*) [ ! -e "$STATE/intel" ] || touch "$STATE/device" ;;
+*'import pathlib, pyopencl'*) echo "$STATE" ;;
+'-m lightdome.probe')
+    [ -e "$STATE/device" ] || exit 1
+    printf 'Some device\ntaken (*): the only one\n'
+    [ ! -e "$STATE/slow" ] || echo 'note: it is slow' ;;
 esac
 """
 
 APT_GET = """#!/bin/bash
 echo "apt-get $*" >>"$STATE/calls"
 case "$*" in
-*'install pocl-opencl-icd') [ ! -e "$STATE/system" ] || touch "$STATE/device" ;;
+*'install pocl-opencl-icd') [ ! -e "$STATE/system" ] || { touch "$STATE/device"; rm -f "$STATE/slow"; } ;;
 *'install python3.12-venv') touch "$STATE/ensurepip" ;;
 esac
 """
@@ -167,6 +172,29 @@ def test_a_wheel_that_does_not_work_is_removed_and_the_system_package_taken(mach
     assert result.returncode == 0, result.stderr
     assert "pip --quiet uninstall --yes pocl-binary-distribution" in machine.calls
     assert "install pocl-opencl-icd" in machine.calls
+
+
+@pytest.mark.parametrize("has_system", [True, False])
+def test_a_wheel_that_is_slow_stays_and_the_system_package_is_tried(machine: Machine, has_system: bool) -> None:
+    machine.has("wheel", "slow", *(["system"] if has_system else []))
+    machine.program("uname", "#!/bin/bash\necho Linux x86_64\n")
+    machine.program("apt-get", APT_GET)
+    result = machine.set_up()
+    assert result.returncode == 0, result.stderr
+    assert "install pocl-opencl-icd" in machine.calls
+    assert "uninstall" not in machine.calls
+    assert "intel" not in machine.calls
+    assert ("it is slow" in result.stdout) != has_system
+
+
+def test_where_nothing_else_works_intels_runtime_is_taken(machine: Machine) -> None:
+    machine.has("intel")
+    machine.program("uname", "#!/bin/bash\necho Linux x86_64\n")
+    machine.program("id", "#!/bin/bash\necho 1000\n")
+    result = machine.set_up()
+    assert result.returncode == 0, result.stderr
+    assert (machine.state / "intel.icd").read_text() == f"{machine.clone}/.venv/lib/libintelocl.so\n"
+    assert "Intel's own licence" in result.stdout
 
 
 def test_without_root_or_sudo_one_line_names_the_command(machine: Machine) -> None:
