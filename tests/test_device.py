@@ -223,9 +223,7 @@ def test_both_spellings_of_a_multiply_add_give_the_same_samples_and_nearly_the_s
 def test_a_slow_device_has_a_note_that_says_what_to_install(device: Device) -> None:
     assert replace(device, rates=FAST).note is None
     note = replace(device, rates=replace(FAST, fused=1e10, plain=2e10)).note
-    assert note.startswith(
-        "note: this OpenCL device does 20 G multiply-adds a second, less than a third of numpy's 100 G"
-    )
+    assert "does 20 G multiply-adds a second, less than a third of numpy's 100 G" in note
     assert "apt-get install pocl-opencl-icd" in note
 
 

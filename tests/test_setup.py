@@ -18,8 +18,9 @@ TOOLS = (
 )
 # fmt: on
 
-# Plays Python, and what set-up runs with it. The folder $STATE says what works: `device` (a device
-# does), `wheel`, `system` and `intel` (installing that gives one that does), `slow` (a wheel's), `ensurepip`, `pip says` (pip fails, with this).
+# Plays Python, and what set-up runs with it. The folder $STATE says what works: `device` (a device does), `wheel`,
+# `system` and `intel` (installing that gives one that does), `slow` (the wheel is), `ensurepip`, `pip says` (pip fails,
+# with this).
 PYTHON = """#!/bin/bash
 echo "$*" >>"$STATE/calls"
 case "$*" in
