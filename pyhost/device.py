@@ -37,7 +37,6 @@ from .rates import Rates
 PROBE_SECONDS = 60.0
 FAILURE_SECONDS = 86400.0  # for which a failure is remembered where another device works
 FASTER = "apt-get install pocl-opencl-icd, or see Devices in the README"
-NO_DEVICE = "no OpenCL device works here; run scripts/demo, which sets one up, or: apt-get install pocl-opencl-icd"
 
 
 @dataclass(frozen=True)
@@ -115,14 +114,19 @@ def open_device(choice: str | None = None) -> Device:
             raise LightdomeError(f"no OpenCL device matches {asked!r}; there is {known or 'none at all'}")
     else:
         matching = candidates
-    best = _fastest(_tried(matching))
+    trials = _tried(matching)
+    best = _fastest(trials)
     if best:
         return _open(best)
+    failures = "; ".join(f"{_listed(trial.candidate)}: {trial.failure}" for trial in trials)
     if asked:
         raise LightdomeError(
-            f"the OpenCL device {asked!r} does not compile and run kernels; choose another with --device"
+            f"the OpenCL device {asked!r} does not compile and run kernels ({failures}); choose another with --device"
         )
-    raise LightdomeError(NO_DEVICE)
+    raise LightdomeError(
+        f"no OpenCL device works here{f' ({failures})' if failures else ''}; run scripts/demo, which sets one up, or:"
+        " apt-get install pocl-opencl-icd"
+    )
 
 
 def survey() -> str:
