@@ -50,7 +50,9 @@ def told(value: object) -> str:
 def instance(what: str, value: object, kind: type) -> None:
     """Refuse what is no ``kind``, as where two arguments are exchanged."""
     if not isinstance(value, kind):
-        raise LightdomeError(f"{what} is of type {kind.__name__}, not {told(value)}; see the order of the arguments")
+        raise LightdomeError(
+            f"{what} must be of type {kind.__name__}, got {told(value)}; check the order of the arguments"
+        )
 
 
 def whole(what: str, value: object, low: int, high: int) -> int:
@@ -60,7 +62,7 @@ def whole(what: str, value: object, low: int, high: int) -> int:
     except TypeError:
         number = None
     if number is None or not low <= number <= high:
-        raise LightdomeError(f"{what} is a whole number from {low} to {high}, not {told(value)}")
+        raise LightdomeError(f"{what} must be a whole number from {low} to {high}, got {told(value)}")
     return number
 
 
@@ -68,10 +70,10 @@ def wholes(what: str, values: object, low: int, high: int) -> list[int]:
     """One whole number from ``low`` to ``high``, or more, in a list or any other sequence."""
     right = not isinstance(values, str | bytes) and isinstance(values, Iterable) and np.ndim(values) == 1  # type: ignore
     if not right:
-        raise LightdomeError(f"{what} are whole numbers from {low} to {high} in a list, not {told(values)}")
+        raise LightdomeError(f"{what} must be a list of whole numbers from {low} to {high}, got {told(values)}")
     result = [whole(f"each of the {what}", value, low, high) for value in values]
     if not result:
-        raise LightdomeError(f"{what} are one whole number from {low} to {high} or more, not none")
+        raise LightdomeError(f"{what} must be at least one whole number from {low} to {high}, got none")
     return result
 
 
@@ -86,7 +88,7 @@ def real(what: str, value: object, wanted: str, low: float, high: float = math.i
         except OverflowError:
             number = math.inf
     if not (math.isfinite(number) and low <= number <= high):
-        raise LightdomeError(f"{what} is {wanted}, not {told(value)}")
+        raise LightdomeError(f"{what} must be {wanted}, got {told(value)}")
     return number
 
 
@@ -103,14 +105,14 @@ def albedo(value: object) -> float:
 def choice(what: str, value: object, names: Iterable[str]) -> str:
     """One of ``names``."""
     if not (isinstance(value, str) and value in names):
-        raise LightdomeError(f"unknown {what} {told(value)}; there is {', '.join(names)}")
+        raise LightdomeError(f"unknown {what} {told(value)}; expected one of {', '.join(names)}")
     return value
 
 
 def path(value: object) -> Path:
     """A file's path, which Python can open."""
     if not isinstance(value, str | os.PathLike):
-        raise LightdomeError(f"a file is named by a path, not by {told(value)}")
+        raise LightdomeError(f"a file must be named by a path, got {told(value)}")
     result = Path(os.fsdecode(value))
     if "\0" in str(result):
         raise LightdomeError(f"no file can be named {told(str(result))}")
@@ -134,11 +136,11 @@ def array(
     except (ValueError, TypeError):  # rows of different lengths
         result = np.empty(0, object)
     if result.dtype.kind not in "fiu":
-        raise LightdomeError(f"{what} is {form}real numbers, not {told(value)}")
+        raise LightdomeError(f"{what} must be {form}real numbers, got {told(value)}")
     if shape is not None and (
         result.ndim != len(shape) or any(n != m for n, m in zip(shape, result.shape, strict=True) if isinstance(n, int))
     ):
-        raise LightdomeError(f"{what} is {form}real numbers, not one of shape {result.shape}")
+        raise LightdomeError(f"{what} must be {form}real numbers, got shape {result.shape}")
     with np.errstate(over="ignore"):  # to infinity
         if not own:
             return result.astype(dtype or result.dtype, copy=False)
@@ -152,17 +154,17 @@ def lights(direction: object, flux: object, own: bool = False) -> tuple[np.ndarr
     direction = array("direction", direction, ("N", 3), np.float32, own)
     flux = array("flux", flux, ("N", 3), np.float64, own)
     if len(direction) != len(flux):
-        raise LightdomeError(f"each direction has one flux, but there are {len(direction)} and {len(flux)}")
+        raise LightdomeError(f"direction and flux must have the same length, got {len(direction)} and {len(flux)}")
     with np.errstate(over="ignore"):
         unit = np.abs(np.einsum("nc,nc->n", direction, direction) - 1) <= 2 * UNIT
     if not unit.all():
         n = int(np.argmin(unit))
         raise LightdomeError(
-            f"a direction is a unit vector, not {told(direction[n].tolist())} (light {n}); divide each by its length"
+            f"a direction must be a unit vector, got {told(direction[n].tolist())} (light {n}); normalise it"
         )
     if flux.size and not (flux.min() >= 0 and flux.max() <= BRIGHTEST):
         n = int(np.argmin(((flux >= 0) & (flux <= BRIGHTEST)).all(axis=1)))
-        raise LightdomeError(f"a flux is from 0 to {BRIGHTEST:g}, not {told(flux[n].tolist())} (light {n})")
+        raise LightdomeError(f"a flux must be from 0 to {BRIGHTEST:g}, got {told(flux[n].tolist())} (light {n})")
     return direction, flux
 
 

@@ -54,7 +54,7 @@ def main() -> None:
         help="PBRT programs, or their folders, to measure too (default: none; --peers pbrt takes that on PATH)",
     )
     parser.add_argument(
-        "--spp", type=cli.positive_int, nargs="+", default=[8, 16, 32, 64], metavar="N", help="samples a pixel"
+        "--spp", type=cli.positive_int, nargs="+", default=[8, 16, 32, 64], metavar="N", help="samples per pixel"
     )
     parser.add_argument(
         "--resolution", type=cli.positive_int, default=511, metavar="R", help="width and height of the images in pixels"

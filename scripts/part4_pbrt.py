@@ -24,14 +24,14 @@ def parse_arguments() -> argparse.Namespace:
     """The command line."""
     parser = cli.parser(
         "Render a diffuse sphere under an environment map with fresh samples for every pixel.\n\n"
-        "Writes sphere_Nspp.pfm (linear radiance), sphere_Nspp.ppm and sphere_Nspp.png for N samples a pixel, and the"
+        "Writes sphere_Nspp.pfm (linear radiance), sphere_Nspp.ppm and sphere_Nspp.png for N samples per pixel, and the"
         " scenes for PBRT-v3 and PBRT-v4 into the folder pbrt. settings.json says what made the images.",
         example="scripts/part4_pbrt.py --spp 16 64 --seed 1",
         out="out/part4",
     )
     cli.map_options(parser)
     parser.add_argument(
-        "--spp", type=cli.positive_int, nargs="+", default=[8, 16, 32, 64], metavar="N", help="samples a pixel"
+        "--spp", type=cli.positive_int, nargs="+", default=[8, 16, 32, 64], metavar="N", help="samples per pixel"
     )
     parser.add_argument(
         "--renderer",

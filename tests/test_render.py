@@ -283,7 +283,7 @@ def test_a_black_map_renders_black(device: Device) -> None:
 
 @pytest.mark.parametrize("spp", [[], [0], [8, -1]])
 def test_other_numbers_of_samples_are_refused(distribution: Distribution, spp: list[int]) -> None:
-    with pytest.raises(LightdomeError, match="samples a pixel"):
+    with pytest.raises(LightdomeError, match="samples per pixel"):
         list(render(distribution, spp, R))
 
 
@@ -293,7 +293,7 @@ def test_other_numbers_of_samples_are_refused(distribution: Distribution, spp: l
         ({"estimator": "path"}, "light, bsdf, mis, product"),
         ({"sequence": "halton"}, "independent, sobol"),
         ({"mis_compensation": True}, "'mis', not 'light'"),
-        ({"seed": -1}, "a seed is"),
+        ({"seed": -1}, "a seed must be"),
     ],
 )
 def test_unknown_names_are_refused(distribution: Distribution, options: dict[str, object], words: str) -> None:
