@@ -210,7 +210,7 @@ def test_what_cannot_be_drawn_is_refused(device: Device, tmp_path: Path) -> None
         (([5],), "black everywhere"),
         (([5, 0],), "cannot draw 0 samples"),
         (([5], 0, "magic"), "unknown sequence"),
-        (([5], -1), "a seed is a whole number"),
+        (([5], -1), "a seed must be a whole number"),
     ):
         with pytest.raises(LightdomeError, match=message):
             sample_file(device, ImageRows(path), *arguments)
