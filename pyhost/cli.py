@@ -202,7 +202,8 @@ def explain_kernels(args: argparse.Namespace, device: Device) -> None:
     """Print which kernels were built, if ``--explain`` asks for it."""
     if args.explain:
         built, there = device.programs.built, device.programs.available
-        print(f"built {len(built)} of {there} kernels: {', '.join(built) or 'none'}")
+        kernels = {kernel.partition(" ")[0] for kernel in built}  # one may be built for several purposes
+        print(f"built {len(kernels)} of {there} kernels: {', '.join(built) or 'none'}")
 
 
 def sphere_options(parser: argparse.ArgumentParser) -> None:

@@ -12,10 +12,14 @@ import sys
 # Else a test has imported it.
 IS_SCRIPT = os.path.dirname(os.path.realpath(sys.argv[0])) == os.path.dirname(os.path.realpath(__file__))  # noqa: PTH120
 
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
 if IS_SCRIPT:
-    for _number in (signal.SIGINT, signal.SIGTERM):
+    for _number in SIGNALS:
         if signal.getsignal(_number) is not signal.SIG_IGN:  # as a shell has it for what runs in its background
             signal.signal(_number, lambda number, _: os._exit(128 + number))
+    if hasattr(signal, "pthread_sigmask"):  # not on Windows
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)  # blocked by go_on_in_venv
 
 import contextlib  # noqa: E402
 import importlib.util  # noqa: E402
@@ -36,7 +40,8 @@ def has_lightdome() -> bool:
 def go_on_in_venv() -> None:
     """Run the same command with the Python of .venv; return if there is none, or if it is what runs already."""
     python = str(ROOT / ".venv" / "bin" / "python")
-    if sys.executable != python:
+    if sys.executable != python and os.access(python, os.X_OK):
+        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)  # while that Python starts it cannot hear, only keep them
         with contextlib.suppress(OSError):
             os.execv(python, [python, *getattr(sys, "orig_argv", ["", *sys.argv])[1:]])
 

@@ -16,6 +16,10 @@ only the sines of the pixel angles are not, and these are rounded to 2^-40. The 
 come out on every machine.
 """
 
+import os
+import sys
+
+sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))  # noqa: PTH120 - a safe path leaves this folder out
 import _start  # noqa: F401 - before anything else: finds .venv, and hears Ctrl-C
 
 # isort: split

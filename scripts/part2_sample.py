@@ -1,10 +1,13 @@
 #!/usr/bin/env python3
 """Part 2: draw light directions from an environment map and show where they fell."""
 
+import os
+import sys
+
+sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))  # noqa: PTH120 - a safe path leaves this folder out
 import _start  # noqa: F401 - before anything else: finds .venv, and hears Ctrl-C
 
 # isort: split
-import sys
 from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING

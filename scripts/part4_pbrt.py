@@ -1,6 +1,10 @@
 #!/usr/bin/env python3
 """Part 4: the same sphere by Monte Carlo, with fresh samples for every pixel, by PBRT or on an OpenCL device."""
 
+import os
+import sys
+
+sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))  # noqa: PTH120 - a safe path leaves this folder out
 import _start  # noqa: F401 - before anything else: finds .venv, and hears Ctrl-C
 
 # isort: split

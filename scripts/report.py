@@ -1,13 +1,16 @@
 #!/usr/bin/env python3
 """The written report as PDF, and a zip of it and all images, from what is there or from fresh runs."""
 
+import os
+import sys
+
+sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))  # noqa: PTH120 - a safe path leaves this folder out
 import _start  # noqa: F401 - before anything else: finds .venv, and hears Ctrl-C
 
 # isort: split
 import argparse
 import atexit
 import subprocess
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 

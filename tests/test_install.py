@@ -7,6 +7,7 @@ import os
 import pwd
 import runpy
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -74,6 +75,23 @@ def test_a_script_goes_on_in_venv(clone: Path, name: str) -> None:
     has_venv(clone)
     result = run(*WITHOUT_PACKAGES, "link.py", "--map", "a b", cwd=clone.parent)
     assert result.stdout.splitlines() == ["of .venv", "-S", "link.py", "--map", "a b"], result.stderr
+
+
+@pytest.mark.parametrize("name", [path.name for path in SCRIPTS])
+def test_a_script_finds_its_start_with_a_safe_path(name: str, tmp_path: Path) -> None:
+    """As with PYTHONSAFEPATH: Python leaves out the folder of the script, and so what lies beside it."""
+    result = run(sys.executable, "-I", ROOT / "scripts" / name, "--help", cwd=tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_is_kept_while_the_python_of_venv_starts(clone: Path, number: signal.Signals) -> None:
+    (clone / ".venv" / "bin").mkdir(parents=True)
+    python = clone / ".venv" / "bin" / "python"
+    python.write_text(f'#!/bin/sh\nkill -{number.value} $$\nexec {sys.executable} "$@"\n')
+    python.chmod(0o755)
+    result = run(*WITHOUT_PACKAGES, clone / "scripts" / "part1_fresnel.py")
+    assert (result.returncode, result.stderr) == (128 + number, "")
 
 
 def test_a_venv_without_lightdome_is_one_line(clone: Path) -> None:
