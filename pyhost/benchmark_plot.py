@@ -143,7 +143,7 @@ def error_against_count(points: Sequence[Measurement], title: str) -> Figure:
             capsize=2,
             **_style(i, line[0]),
         )
-    axes.set_xlabel("count: samples or lights in all, samples a pixel, or order")
+    axes.set_xlabel("count: samples or lights in all, samples per pixel, or order")
     axes.set_ylabel("relative RMSE over the sphere, %")
     _label_decades(axes)
     if lines:

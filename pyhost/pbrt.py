@@ -176,14 +176,14 @@ class Scene:
 def scene_text(
     version: int, spp: int, resolution: int = 511, albedo: float = 1.0, seed: int = 0, exponent: int = 0
 ) -> str:
-    """The scene file for PBRT ``version`` (3 or 4) with ``spp`` samples a pixel and a map scaled by 2^-``exponent``.
+    """The scene file for PBRT ``version`` (3 or 4) with ``spp`` samples per pixel and a map scaled by 2^-``exponent``.
 
     ``seed`` counts modulo 2^31, and only for version 4: version 3 has none. Raises
     :class:`LightdomeError` for an albedo outside 0 to 1 and for other numbers out of range.
     """
     resolution = check_resolution(resolution)
     version = checks.whole("the version of PBRT", version, *VERSIONS)
-    spp = checks.whole("samples a pixel", spp, 1, 2**31 - 1)
+    spp = checks.whole("samples per pixel", spp, 1, 2**31 - 1)
     seed = checks.whole("a seed", seed, 0, 2**64 - 1)
     exponent = checks.whole("the exponent", exponent, -1000, 1000)
     albedo = checks.real("a PBRT scene's albedo", albedo, "a number from 0 to 1 (--albedo)", 0, 1)
@@ -237,7 +237,7 @@ def write_scenes(
     """
     folder = checks.path(folder)
     checks.instance("the map", envmap, EnvironmentMap)
-    spp = sorted(set(checks.wholes("samples a pixel", spp, 1, 2**31 - 1)))
+    spp = sorted(set(checks.wholes("samples per pixel", spp, 1, 2**31 - 1)))
     versions = checks.wholes("versions of PBRT", versions, *VERSIONS)
     # PBRT sums pixels in plain float32, after factors of several thousand: keep it far from the limits.
     exponent = int(np.frexp(envmap.peak)[1])

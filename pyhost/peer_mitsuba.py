@@ -85,7 +85,7 @@ class Mitsuba:
         self.about: dict[str, object] = self._receive(START_TIMEOUT)
         self.about["start-up seconds"] = time.perf_counter() - start
         self._taken: dict[int, int] = {}
-        self.about["samples a pixel"] = self._taken
+        self.about["samples per pixel"] = self._taken
 
     def render(self, resolution: int, spp: int, seed: int) -> tuple[np.ndarray, dict[str, float]]:
         """The image (R, R, 3) float32, 0 outside the disc, and the seconds of its stages by the process's clock.

@@ -33,7 +33,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         prog="python -m lightdome.probe",
         usage="%(prog)s [-h] [PLATFORM DEVICE]",
-        description="Print the best OpenCL device that works; or see whether the one of these indices runs a kernel.",
+        description="Print the best OpenCL device that works, or test whether the one at these indices runs a kernel.",
     )
     parser.add_argument("platform", type=int, nargs="?", metavar="PLATFORM", help="index of the platform, from 0")
     parser.add_argument("device", type=int, nargs="?", metavar="DEVICE", help="index of the device in it, from 0")
@@ -63,7 +63,7 @@ def probe(platform: int, device: int) -> None:
         devices = []
     if not (0 <= platform < len(devices) and 0 <= device < len(devices[platform])):
         there = ", ".join(f"{p} {d}" for p, of_platform in enumerate(devices) for d in range(len(of_platform)))
-        raise LightdomeError(f"there is no OpenCL device {platform} {device}; there is {there or 'none at all'}")
+        raise LightdomeError(f"there is no OpenCL device {platform} {device}; the devices are {there or 'none at all'}")
     values = np.arange(1024, dtype=np.float32)
     result = np.empty_like(values)
     try:

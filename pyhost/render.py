@@ -1,6 +1,6 @@
 """The diffuse sphere by Monte Carlo with fresh samples for every pixel: noise instead of bias.
 
-Four estimators, all unbiased. What a sample a pixel of each is:
+Four estimators, all unbiased. What one sample per pixel means for each:
 
 - ``light``: a direction drawn as the light is: the least work; half of them lie below the horizon
 - ``bsdf``: a direction drawn as the cosine is: good only where the light is much the same from everywhere
@@ -79,7 +79,7 @@ def render(
     """
     checks.instance("the distribution", distribution, Distribution)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
-    spp = sorted(set(checks.wholes("samples a pixel", spp, 1, 2**31 - 1)))
+    spp = sorted(set(checks.wholes("samples per pixel", spp, 1, 2**31 - 1)))
     checks.choice("estimator", estimator, ESTIMATORS)
     checks.choice("sequence", sequence, SEQUENCES)
     if mis_compensation and estimator != "mis":

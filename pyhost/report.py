@@ -68,9 +68,9 @@ def require_typst() -> None:
 
 @dataclass(frozen=True)
 class Images:
-    """The sphere, (R, R, 3) radiance each: by its samples shared by all pixels, by its samples a pixel, and exact.
+    """The sphere, (R, R, 3) radiance each: by its samples shared by all pixels, by its samples per pixel, and exact.
 
-    ``exact_per_pixel`` is what the samples a pixel converge to: PBRT sees a map's pixels as areas.
+    ``exact_per_pixel`` is what the samples per pixel converge to: PBRT sees a map's pixels as areas.
     """
 
     shared: Mapping[int, np.ndarray]

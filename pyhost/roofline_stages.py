@@ -30,7 +30,7 @@ from .sphere import exact, shade
 
 MADE = "made"  # the name of maps that were made to be measured
 PAIR = 7  # operations for a pair of pixel and light
-SPP = 16  # samples a pixel of the per-pixel estimators
+SPP = 16  # samples per pixel of the per-pixel estimators
 ORDER = 10  # of spherical harmonics
 
 POINT = 40  # operations: Philox's 10 rounds of 4 products and 4 xors, for two points
@@ -68,7 +68,7 @@ class Stage:
     """One stage at one size: ``run`` does it, and ``events`` of the device's profile are its time.
 
     None stands for all events but transfers. ``map_shape`` is (height, width), None where no map is read. ``N``
-    counts samples or lights, of per-pixel estimators samples a pixel; for harmonics it is the order. A stage that is
+    counts samples or lights, of per-pixel estimators samples per pixel; for harmonics it is the order. A stage that is
     little more than a copy runs in turn with one, ``beside_copy``: a core that slept slows down both.
     """
 

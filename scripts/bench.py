@@ -4,8 +4,8 @@
 import os
 import sys
 
-sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))  # noqa: PTH120 - a safe path leaves this folder out
-import _start  # noqa: F401 - before anything else: finds .venv, and hears Ctrl-C
+sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))  # noqa: PTH120 - missing under PYTHONSAFEPATH
+import _start  # noqa: F401 - first, so that Ctrl-C is handled and .venv is found
 
 # isort: split
 import argparse
@@ -58,7 +58,7 @@ def main() -> None:
         help="PBRT programs, or their folders, to measure too (default: none; --peers pbrt takes that on PATH)",
     )
     parser.add_argument(
-        "--spp", type=cli.positive_int, nargs="+", default=[8, 16, 32, 64], metavar="N", help="samples a pixel"
+        "--spp", type=cli.positive_int, nargs="+", default=[8, 16, 32, 64], metavar="N", help="samples per pixel"
     )
     parser.add_argument(
         "--resolution", type=cli.positive_int, default=511, metavar="R", help="width and height of the images in pixels"

@@ -84,7 +84,7 @@ def test_errors_of_shared_samples(device: Device, distribution: Distribution, ta
 def test_errors_of_fresh_samples(
     device: Device, grace: EnvironmentMap, distribution: Distribution, target: np.ndarray
 ) -> None:
-    # 64 samples a pixel. PBRT-v4 has 7.3 % (path, zsobol) and 13.4 % (independent), PBRT-v3 6.8 % (02sequence).
+    # 64 samples per pixel. PBRT-v4 has 7.3 % (path, zsobol) and 13.4 % (independent), PBRT-v3 6.8 % (02sequence).
     targets = {"centres": target, "areas": exact(device, grace, 127, pixels="areas")}
 
     def error(**options: object) -> float:

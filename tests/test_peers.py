@@ -161,7 +161,7 @@ def test_mitsuba_meets_the_exact_image(device: Device, blocks: EnvironmentMap, m
 def test_mitsuba_says_how_many_samples_it_took(mitsuba: peer_mitsuba.Mitsuba) -> None:
     for spp in (1, 8, 16, 32):
         mitsuba.render(4, spp, 0)
-    taken = mitsuba.about["samples a pixel"]
+    taken = mitsuba.about["samples per pixel"]
     assert all(taken[spp] == spp for spp in (1, 8, 16))
     assert 32 <= taken[32] <= 36
 

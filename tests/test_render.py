@@ -283,7 +283,7 @@ def test_a_black_map_renders_black(device: Device) -> None:
 
 @pytest.mark.parametrize("spp", [[], [0], [8, -1]])
 def test_other_numbers_of_samples_are_refused(distribution: Distribution, spp: list[int]) -> None:
-    with pytest.raises(LightdomeError, match="samples a pixel"):
+    with pytest.raises(LightdomeError, match="samples per pixel"):
         list(render(distribution, spp, R))
 
 
