@@ -178,8 +178,8 @@ def _draw(
             progress.update(done / count)
     # Each band has decided for itself.
     if any(guided):
-        many = f"in {sum(guided)} of {len(guided)} bands of rows samples are many for the band's pixels"
+        many = f"in {sum(guided)} of {len(guided)} bands of rows, enough samples to pay for them"
         device.decisions.use("guide tables", many)
     else:
-        device.decisions.skip("guide tables", "in no band of rows samples are many for the band's pixels")
+        device.decisions.skip("guide tables", "no band of rows has enough samples to pay for them")
     return direction, radiance, probability, pixel

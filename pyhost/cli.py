@@ -34,8 +34,8 @@ def run(main: Callable[[], None]) -> NoReturn:
     for stream in ("stdout", "stderr"):
         if getattr(sys, stream) is None:  # closed by who started us
             setattr(sys, stream, open(os.devnull, "w"))  # noqa: PTH123, SIM115 - until we exit
-    # Line by line, or messages would change their order where both streams go to one pipe; and a file's name that
-    # this output cannot encode is escaped.
+    # Flush every line, so that messages keep their order when both streams go to one pipe, and escape what this
+    # output cannot encode, as in the name of a file.
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(line_buffering=True, errors="backslashreplace")
     take_back = interrupts.end_after(_clear_up)
@@ -46,7 +46,7 @@ def run(main: Callable[[], None]) -> NoReturn:
 
 
 def _clear_up() -> None:
-    """Leave nothing behind on the way out that runs no ``finally``: half files, processes, temporary folders."""
+    """Remove half files, processes and temporary folders when the process ends without running any ``finally``."""
     if processes := sys.modules.get("multiprocessing"):
         for process in processes.active_children():
             process.kill()
@@ -76,13 +76,13 @@ def _shortage(error: Exception) -> str | None:
     """What the machine has too little of, if that is what ``error`` says, and what to do."""
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
         return f"cannot write {error.filename or 'the output'}: {error.strerror}; make room there"
-    # A device may find only when a kernel runs that its memory does not suffice. pyopencl is not imported for this.
+    # A device may notice only when a kernel runs that it has not enough memory. pyopencl is not imported for this.
     cl = sys.modules.get("pyopencl")
     codes = ("MEM_OBJECT_ALLOCATION_FAILURE", "OUT_OF_RESOURCES", "OUT_OF_HOST_MEMORY")
     on_device = cl and isinstance(error, cl.Error) and error.code in [getattr(cl.status_code, code) for code in codes]
     if on_device or isinstance(error, MemoryError):
-        what = "the device's memory" if on_device else "the memory"
-        return f"{what} does not suffice ({one_line(error)}); use fewer samples, or a smaller map or image"
+        what = "memory on the device" if on_device else "memory"
+        return f"not enough {what} ({one_line(error)}); use fewer samples, or a smaller map or image"
     return None
 
 
@@ -149,7 +149,7 @@ def map_options(parser: argparse.ArgumentParser) -> None:
         help="replace NaN, infinite and negative pixels by black; with clamp, infinite ones by the largest finite value"
         " of the file's format (default: refuse the map)",
     )
-    parser.add_argument("--flip", action="store_true", help="take the rows in reverse, for a file written upside down")
+    parser.add_argument("--flip", action="store_true", help="reverse the rows, for a file that was written upside down")
 
 
 def load_map(args: argparse.Namespace) -> EnvironmentMap:
@@ -270,7 +270,7 @@ def positive_int(text: str) -> int:
 
 
 def times(text: str) -> int:
-    """Argument type: how often something is done again, 1 to 1000: more would look as if it never ended."""
+    """Argument type: a number of repetitions, 1 to 1000: more would seem never to end."""
     return int(_number(int, text, lambda v: 1 <= v <= 1000, "a whole number from 1 to 1000"))
 
 
@@ -290,7 +290,7 @@ def non_negative_float(text: str) -> float:
 
 
 def tone(args: argparse.Namespace, exposure: float) -> str:
-    """The line that says how bright the pictures are: what was given to its last digit."""
+    """The line that says how bright the pictures are; numbers from the command line are shown in full."""
     used = exactly(exposure) if args.exposure else f"{exposure:.4g}"
     return f"exposure {used}, gamma {exactly(args.gamma)}"
 

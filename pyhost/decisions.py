@@ -18,7 +18,7 @@ class Decision:
 
 
 class Decisions:
-    """The decisions since they were last taken, in the order in which they were first made.
+    """The decisions since the last :meth:`take`, in the order in which they were first made.
 
     A later decision on the same thing replaces the earlier one.
     """
@@ -35,7 +35,7 @@ class Decisions:
         self._made[what] = Decision(what, False, why)
 
     def take(self) -> list[Decision]:
-        """The decisions, and forget them: what follows is another result's."""
+        """Return the decisions and forget them: what follows belongs to another result."""
         made = list(self._made.values())
         self._made.clear()
         return made

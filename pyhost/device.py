@@ -103,7 +103,7 @@ def open_device(choice: str | None = None) -> Device:
     forked from one that had looked for devices.
     """
     if not (choice is None or isinstance(choice, str)):
-        raise LightdomeError(f"a device is named by a text as '0:0' or 'pocl', not by {told(choice)}")
+        raise LightdomeError(f"a device must be a text such as '0:0' or 'pocl', got {told(choice)}")
     ensure_room()
     asked = choice or os.environ.get("PYOPENCL_CTX")
     candidates = _candidates()
@@ -168,7 +168,7 @@ class _Candidate:
     handle: cl.Device
 
 
-# The process that first looked for devices: OpenCL's threads are its own, and a forked copy would wait for them.
+# The process that first looked for devices: it alone has OpenCL's threads, and a forked copy would wait for them.
 _first_process: list[int] = []
 
 
@@ -188,7 +188,7 @@ def _candidates() -> list[_Candidate]:
 
 
 def _matches(asked: str, candidate: _Candidate) -> bool:
-    """Whether ``asked`` is in what is shown of a device, as a whole or as ``PLATFORM:DEVICE``."""
+    """Whether ``asked`` is part of a name that is shown of a device, or matches as ``PLATFORM:DEVICE``."""
     device = candidate.handle
     platform = device.platform
     whole = _description(device)
@@ -201,7 +201,9 @@ def _matches(asked: str, candidate: _Candidate) -> bool:
     of_platform = (platform.name, platform.vendor, platform.version)
     of_device = (device.name, device.vendor, device.version, device.driver_version)
     first, colon, second = asked.partition(":")
-    if colon and any(_plain(asked) in _plain(name) for name in (*of_platform, *of_device, whole)):  # a colon of theirs
+    if colon and any(
+        _plain(asked) in _plain(name) for name in (*of_platform, *of_device, whole)
+    ):  # a name with a colon
         return True
     if " " in asked and _plain(_listed(candidate)).startswith(_plain(asked)):
         return True
@@ -213,7 +215,7 @@ def _matches(asked: str, candidate: _Candidate) -> bool:
 
 
 def _listed(candidate: _Candidate) -> str:
-    """What a list of devices says of one."""
+    """The device in a list of devices."""
     return f"{candidate.platform}:{candidate.index} {_description(candidate.handle)}"
 
 

@@ -152,13 +152,13 @@ class Distribution:
         radiance = self.radiance
         guided: tuple[object, ...] = ()
         if is_guided(count, self.envmap):
-            many = f"{count} samples are many for a map of {self.envmap.width} x {self.envmap.height} pixels"
+            many = f"{count} samples on {self.envmap.width} x {self.envmap.height} pixels are enough to pay for them"
             self.device.decisions.use("guide tables", many)
             guided, defines = self.guide.arguments, {"GUIDED": 1, **defines}
             if "PIXELS" in defines:
                 radiance = self.weight
         else:
-            few = f"{count} samples are found sooner than tables for the map's pixels are made"
+            few = f"{count} samples are drawn faster than the tables for the map would be built"
             device.decisions.skip("guide tables", few)
         block = 1 if device.is_gpu else SAMPLES_A_BLOCK
         kernel = device.kernel("sample", BLOCK=block, **defines)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from .errors import LightdomeError
 
-# What :func:`abandon` removes. An end of the process that nothing can unwind must find it from another thread.
+# What :func:`abandon` removes. A process that ends without unwinding must find it, also from another thread.
 _unfinished: set[Path] = set()
 
 
@@ -49,14 +49,16 @@ def abandon() -> None:
 
 
 def utf8_name(path: Path) -> str:
-    """``path`` for a library that opens only names in UTF-8, whatever the locale's encoding is.
+    """``path`` as a text for a library that takes only UTF-8 names, whatever the locale's encoding is.
 
-    Raises :class:`LightdomeError` where it is none.
+    Raises :class:`LightdomeError` if the name is not UTF-8.
     """
     try:
         return os.fsencode(path).decode("utf-8")
     except UnicodeError as error:
-        raise LightdomeError(f"OpenImageIO opens only names in UTF-8, and {path} is none; rename it") from error
+        raise LightdomeError(
+            f"OpenImageIO opens only files with UTF-8 names, and {path} is not UTF-8; rename it"
+        ) from error
 
 
 def cannot_write(path: Path, reason: str) -> LightdomeError:

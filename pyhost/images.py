@@ -5,7 +5,7 @@ told where it is done: :mod:`.exr` with :mod:`.exr_layers`, :mod:`.radiance_hdr`
 
 - EXR: R, G, B of the default layer, else its Y as grey, else the only colour layer over all parts, or the layer that
   the caller names; half, float and UINT; luminance-chroma at full resolution. Depth, alpha or albedo is never light.
-- HDR: RGBE in all eight orientations, scan lines packed, plain or with the run lengths of old; ``EXPOSURE`` and
+- HDR: RGBE in all eight orientations, scan lines packed, plain or with old-style run lengths; ``EXPOSURE`` and
   ``COLORCORR`` are divided out; XYZE is refused.
 - PFM: ``PF``, ``Pf`` (grey) and ``PF4`` (its fourth channel is left out), of both orders of bytes, times its scale.
 

@@ -1,9 +1,9 @@
-"""Ctrl-C and a polite kill (SIGINT, SIGTERM), heard by a script at every moment: exit status 130 or 143.
+"""Ends a script on Ctrl-C (SIGINT) or SIGTERM at any moment, with exit status 130 or 143.
 
-Python raises an exception, which three things stand in the way of: a long call into a library hears nothing until it
-returns; a library in C++ that calls Python, as while it is loaded, aborts when that raises; and frames that are left
-free memory to which kernels still write. So nothing is raised. The process clears up where it stands and ends, and
-where the main thread does not hear within :data:`GRACE`, another thread does the same.
+Python would raise an exception, and three things speak against that: during a long call into a library nothing is
+raised until it returns; a C++ library that calls Python, as some do while they load, aborts when an exception comes
+back; and unwinding frees memory that kernels still write to. So nothing is raised: the process cleans up where it
+stands and ends. If the main thread does not react within :data:`GRACE`, another thread does the same.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import os
 import signal
 import sys
 
-TYPE_CHECKING = False  # little is imported here: until this is, nothing hears
+TYPE_CHECKING = False  # typing takes long to load, and until this module is loaded nothing cleans up
 if TYPE_CHECKING:
     from collections.abc import Callable
     from types import FrameType
@@ -32,21 +32,10 @@ def _end(number: int, clear_up: Callable[[], None] | None) -> None:
         os._exit(128 + number)
 
 
-def _listen(handler: Callable[[int, FrameType | None], None]) -> None:
-    for number in SIGNALS:
-        if signal.getsignal(number) is not signal.SIG_IGN:  # as a shell has it for what runs in its background
-            signal.signal(number, handler)
-
-
-def end_at_once() -> None:
-    """From here on a signal ends the process on the spot: there is nothing to clear up."""
-    _listen(lambda number, frame: _end(number, None))
-
-
 def end_after(clear_up: Callable[[], None]) -> Callable[[], None]:
-    """From here on a signal calls ``clear_up`` and ends the process; the function that is returned takes that back.
+    """Make a signal call ``clear_up`` and end the process, until the function that is returned is called.
 
-    ``clear_up`` is called between any two steps of the program, or in another thread beside a call into a library.
+    ``clear_up`` runs between any two steps of the program, or in another thread during a call into a library.
     """
     import select
     import threading
@@ -57,13 +46,13 @@ def end_after(clear_up: Callable[[], None]) -> Callable[[], None]:
     os.set_blocking(writing, False)
 
     def hear(number: int, frame: FrameType | None) -> None:
-        for each in SIGNALS:  # clearing up is not to be interrupted
+        for each in SIGNALS:  # cleaning up must not be interrupted
             signal.signal(each, signal.SIG_IGN)
-        _end(number, clear_up if os.getpid() == process else None)  # a fork has nothing of its own
+        _end(number, clear_up if os.getpid() == process else None)  # a fork owns nothing to clean up
 
     def watch() -> None:
         heard = os.read(reading, 1)
-        if heard and not select.select([reading], [], [], GRACE)[0]:  # it can be read when it has been closed
+        if heard and not select.select([reading], [], [], GRACE)[0]:  # readable once it has been closed
             clearing = threading.Thread(target=clear_up, daemon=True)
             clearing.start()
             clearing.join(GRACE)
@@ -72,7 +61,9 @@ def end_after(clear_up: Callable[[], None]) -> Callable[[], None]:
 
     wakeup = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
     threading.Thread(target=watch, daemon=True).start()
-    _listen(hear)
+    for number in SIGNALS:
+        if before[number] is not signal.SIG_IGN:  # as a shell has it for what runs in its background
+            signal.signal(number, hear)
 
     def take_back() -> None:
         signal.set_wakeup_fd(wakeup)
@@ -84,7 +75,7 @@ def end_after(clear_up: Callable[[], None]) -> Callable[[], None]:
 
 
 class Unheard:
-    """A ``with`` block: threads and processes that are started in it, and what those start, never hear a signal."""
+    """A ``with`` block: threads and processes started in it, and whatever those start, never receive a signal."""
 
     def __enter__(self) -> None:
         if hasattr(signal, "pthread_sigmask"):  # not on Windows

@@ -1,4 +1,4 @@
-"""The names that command lines choose from, for a program to know before it loads what they name."""
+"""The names that command lines choose from, known without loading what they name."""
 
 from __future__ import annotations
 

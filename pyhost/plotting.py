@@ -1,4 +1,4 @@
-"""Matplotlib for files: the same whatever the environment and its settings ask for. Import it before matplotlib."""
+"""Matplotlib for plots in files, whatever backend and settings the environment asks for. Import before matplotlib."""
 
 from __future__ import annotations
 
@@ -12,19 +12,18 @@ from .errors import LightdomeError, one_line, shown
 
 
 def _import() -> None:
-    """Import matplotlib, also where ``MPLBACKEND`` is a backend that is not there: Jupyter leaves one behind."""
+    """Import matplotlib, even if ``MPLBACKEND`` names a backend that is not installed, as Jupyter leaves behind."""
     backend = os.environ.pop("MPLBACKEND", None)
     log = logging.getLogger("matplotlib")
     level = log.level
-    log.setLevel(
-        logging.ERROR
-    )  # it would tell of settings that are not used here, and of a folder that it can do without
+    # It would warn of settings that are not used here, and of a folder that it can do without.
+    log.setLevel(logging.ERROR)
     try:
         import matplotlib
         import matplotlib.style
     except (OSError, ValueError) as error:
         raise LightdomeError(
-            f"matplotlib does not start ({one_line(error)}); mend or remove the file matplotlibrc that it reads, or set"
+            f"matplotlib does not start ({one_line(error)}); fix or remove the file matplotlibrc that it reads, or set"
             " MPLCONFIGDIR to a folder that can be written"
         ) from error
     finally:
@@ -42,12 +41,12 @@ import matplotlib.style  # noqa: E402
 
 @contextlib.contextmanager
 def plain(**settings: object) -> Iterator[None]:
-    """Matplotlib's own look and ``settings``, whatever the user's are: for a block, or as a decorator."""
+    """Matplotlib's own look and ``settings``, whatever the user's settings: for a block, or as a decorator."""
     with matplotlib.style.context(["default", settings]), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph")  # a name in a script that the font has not
+        warnings.filterwarnings("ignore", "Glyph")  # a name in characters that the font lacks
         yield
 
 
 def text(label: str) -> str:
-    """``label``, which may be a file's name, as matplotlib draws it: no mathematics, no control characters."""
+    """``label``, which may be a file's name, as matplotlib should draw it: no mathematics, no control characters."""
     return shown(label).replace("$", r"\$")

@@ -39,7 +39,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         prog="python -m lightdome.probe",
         usage="%(prog)s [-h] [PLATFORM DEVICE]",
-        description="List all OpenCL devices, what they do, and which one is taken; or see whether the one of these"
+        description="List all OpenCL devices, what they do and which one is taken; or test whether the one at these"
         " indices runs a kernel, and print its rates as JSON.",
     )
     parser.add_argument("platform", type=int, nargs="?", metavar="PLATFORM", help="index of the platform, from 0")
@@ -76,7 +76,7 @@ def probe(platform: int, device: int) -> Rates:
         devices = []
     if not (0 <= platform < len(devices) and 0 <= device < len(devices[platform])):
         there = ", ".join(f"{p} {d}" for p, of_platform in enumerate(devices) for d in range(len(of_platform)))
-        raise LightdomeError(f"there is no OpenCL device {platform} {device}; there is {there or 'none at all'}")
+        raise LightdomeError(f"there is no OpenCL device {platform} {device}; the devices are {there or 'none at all'}")
     values = np.arange(1024, dtype=np.float32)
     result = np.empty_like(values)
     try:

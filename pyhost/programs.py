@@ -49,7 +49,7 @@ def _random123(included: str) -> tuple[Traversable, str]:
 
 
 def check_process(opened_by: int) -> None:
-    """Raise :class:`LightdomeError` in another process than ``opened_by``: a fork has none of OpenCL's threads."""
+    """Raise :class:`LightdomeError` in any process but ``opened_by``: a fork has none of OpenCL's threads."""
     if os.getpid() != opened_by:
         raise LightdomeError(
             "this process was forked from one that had opened an OpenCL device, and no device works in a fork; start"
@@ -66,7 +66,7 @@ def compiler_says(error: cl.Error) -> str:
 
 
 class Kernel:
-    """A kernel of a program, to be called as pyopencl's own is, in the process that opened its device."""
+    """A kernel, called as pyopencl's own is, but only in the process that opened its device."""
 
     def __init__(self, kernel: cl.Kernel) -> None:
         self._kernel = kernel

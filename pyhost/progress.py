@@ -1,4 +1,4 @@
-"""How far work has come: a bar on a terminal, and where there is none, a line now and then."""
+"""Progress of long work: a bar on a terminal, elsewhere a line now and then."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import sys
 import time
 from typing import ClassVar
 
-PATIENCE = 2.0  # seconds that a person waits without wondering
-LINE_PATIENCE = 5.0  # and that the reader of a pipe, a log or a notebook does
-LINE_PAUSE = 30.0  # seconds between two lines there
+PATIENCE = 2.0  # seconds before the bar appears on a terminal
+LINE_PATIENCE = 5.0  # seconds before the first line in a pipe, a log or a notebook
+LINE_PAUSE = 30.0  # least seconds between two lines there
 
 
 class Progress:
     """Shows ``label``, how far the work is and the time left on standard error.
 
-    On a terminal that is a bar, two seconds after the start; elsewhere it is a line after five seconds and then at
-    most one in 30, whatever works inside what. Use as a context manager and call :meth:`update` with the fraction
-    done, 0 to 1.
+    On a terminal this is a bar that appears after two seconds. Elsewhere it is a line after five seconds and then at
+    most one every 30 seconds, however deeply the work is nested. Use as a context manager and call :meth:`update` with
+    the fraction done, 0 to 1.
     """
 
     _active: ClassVar[list[Progress]] = []  # the outermost first

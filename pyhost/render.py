@@ -1,6 +1,6 @@
 """The diffuse sphere by Monte Carlo with fresh samples for every pixel: noise instead of bias.
 
-Four estimators, all unbiased. What a sample per pixel of each is:
+Four estimators, all unbiased. What one sample per pixel means for each:
 
 - ``light``: a direction drawn as the light is: the least work; half of them lie below the horizon
 - ``bsdf``: a direction drawn as the cosine is: good only where the light is much the same from everywhere

@@ -170,7 +170,7 @@ def shade_samples(device: Device, samples: Samples, resolution: int = 511, albed
     checks.instance("samples", samples, Samples)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
     height, width = samples.map_shape
-    a_light_each, why = "a light for each sample", f"they are fewer than {SAMPLES_A_ROW} a row of the map"
+    a_light_each, why = "a light for each sample", f"there are fewer than {SAMPLES_A_ROW} per row of the map"
     if len(samples) >= SAMPLES_A_ROW * height:
         index = samples.pixel[:, 1].astype(np.int64) * width + samples.pixel[:, 0]
         flux = np.stack([np.bincount(index, of_channel, height * width) for of_channel in samples.flux.T], axis=1)

@@ -1,15 +1,15 @@
-"""What every script begins with: an ear for Ctrl-C, and the Python of .venv, where scripts/demo installs lightdome.
+"""Every script imports this first: Ctrl-C and SIGTERM then end it at once, and it finds the Python of .venv.
 
-The scripts import this before anything else. From here on Ctrl-C and SIGTERM end the process. If the Python that runs a
-script has no lightdome, it goes on in .venv. This file, and the syntax of the scripts, stay within Python 3.6: a Python
-that is too old for lightdome is no reason for a traceback.
+If the Python that runs a script has no lightdome, the script starts again with that of .venv, where scripts/demo
+installs it. This file, and the syntax of the scripts, stay within Python 3.6: one that is too old for lightdome must
+not end in a traceback.
 """
 
 import os
 import signal
 import sys
 
-# Else a test has imported it.
+# Otherwise a test has imported it.
 IS_SCRIPT = os.path.dirname(os.path.realpath(sys.argv[0])) == os.path.dirname(os.path.realpath(__file__))  # noqa: PTH120
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -30,7 +30,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 def has_lightdome() -> bool:
-    """Whether this Python can run lightdome; a mere folder of that name has no file, and does not count."""
+    """Whether this Python can run lightdome; a folder of that name without a package in it does not count."""
     if sys.version_info < (3, 10):  # noqa: UP036 - an older one may well run this
         return False
     found = importlib.util.find_spec("lightdome")
@@ -38,10 +38,10 @@ def has_lightdome() -> bool:
 
 
 def go_on_in_venv() -> None:
-    """Run the same command with the Python of .venv; return if there is none, or if it is what runs already."""
+    """Run the same command with the Python of .venv; return if there is none, or if it is already running."""
     python = str(ROOT / ".venv" / "bin" / "python")
     if sys.executable != python and os.access(python, os.X_OK):
-        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)  # while that Python starts it cannot hear, only keep them
+        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)  # kept until that Python can handle them
         with contextlib.suppress(OSError):
             os.execv(python, [python, *getattr(sys, "orig_argv", ["", *sys.argv])[1:]])
 
@@ -51,8 +51,3 @@ if not has_lightdome():
     version = "{}.{}.{}".format(*sys.version_info)
     demo = shlex.quote(str(ROOT / "scripts" / "demo"))
     sys.exit(f"{Path(sys.argv[0]).stem}: Python {version} has no lightdome; run {demo}, which sets it up")
-
-if IS_SCRIPT:
-    from lightdome import interrupts
-
-    interrupts.end_at_once()

@@ -19,8 +19,8 @@ come out on every machine.
 import os
 import sys
 
-sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))  # noqa: PTH120 - a safe path leaves this folder out
-import _start  # noqa: F401 - before anything else: finds .venv, and hears Ctrl-C
+sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))  # noqa: PTH120 - missing under PYTHONSAFEPATH
+import _start  # noqa: F401 - first, so that Ctrl-C is handled and .venv is found
 
 # isort: split
 import argparse

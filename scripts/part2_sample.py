@@ -4,8 +4,8 @@
 import os
 import sys
 
-sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))  # noqa: PTH120 - a safe path leaves this folder out
-import _start  # noqa: F401 - before anything else: finds .venv, and hears Ctrl-C
+sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))  # noqa: PTH120 - missing under PYTHONSAFEPATH
+import _start  # noqa: F401 - first, so that Ctrl-C is handled and .venv is found
 
 # isort: split
 from argparse import Namespace
@@ -70,7 +70,7 @@ def main() -> None:
     if args.samples_only:
         write_samples(args, out, image, device)
     else:
-        large = f"the memory does not suffice for {image.width} x {image.height} pixels; use --samples-only"
+        large = f"not enough memory for {image.width} x {image.height} pixels; use --samples-only"
         here = device.handle
         room = here.global_mem_size / BYTES_A_PIXEL if device.shares_host_memory else here.max_mem_alloc_size / 12
         if image.width * image.height > room:

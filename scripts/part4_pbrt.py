@@ -4,8 +4,8 @@
 import os
 import sys
 
-sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))  # noqa: PTH120 - a safe path leaves this folder out
-import _start  # noqa: F401 - before anything else: finds .venv, and hears Ctrl-C
+sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))  # noqa: PTH120 - missing under PYTHONSAFEPATH
+import _start  # noqa: F401 - first, so that Ctrl-C is handled and .venv is found
 
 # isort: split
 import argparse
@@ -57,7 +57,7 @@ def parse_arguments() -> argparse.Namespace:
     if args.renderer == "pbrt" and args.device:
         parser.error("--device is for --renderer opencl or auto")
     if args.albedo > 1 and (args.renderer == "pbrt" or args.pbrt):
-        parser.error(f"PBRT has an albedo from 0 to 1, not {exactly(args.albedo)}; use --renderer opencl")
+        parser.error(f"PBRT's albedo must be from 0 to 1, got {exactly(args.albedo)}; use --renderer opencl")
     return args
 
 
@@ -92,7 +92,7 @@ def main() -> None:
         print(f"wrote {folder}: scenes for PBRT-v3 and PBRT-v4, and their maps")
     else:
         reason = ", because PBRT's albedo is at most 1" if args.renderer == "auto" else ""
-        print(f"note: no scene for PBRT was written: its albedo is from 0 to 1, not {exactly(args.albedo)}")
+        print(f"note: no scene for PBRT was written: its albedo must be from 0 to 1, got {exactly(args.albedo)}")
     if args.renderer != "opencl" and for_pbrt:
         try:
             program = pbrt.find_pbrt(args.pbrt)

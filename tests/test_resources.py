@@ -174,7 +174,7 @@ def test_too_little_memory_is_one_line(capsys: pytest.CaptureFixture[str], main:
         cli.run(main)
     assert ended.value.code == 1
     error = capsys.readouterr().err
-    assert "memory does not suffice" in error
+    assert "not enough memory" in error
     assert "fewer samples" in error
     assert len(error.splitlines()) == 1
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT, stiff_radiance
-from lightdome import cli, interrupts, reference, roofline
+from lightdome import cli, reference, roofline
 from lightdome.device import Device
 from lightdome.disc import disc_mask
 from lightdome.distribution import build_distribution
@@ -157,7 +157,6 @@ def test_the_script_holds_every_stage_against_its_limit(monkeypatch: pytest.Monk
     options = ["--roofline", "--quick", "--resolution", "17", "--repeats", "2"]
     monkeypatch.setattr(sys, "argv", ["bench.py", *options, "--map", str(tmp_path / "map.pfm"), "--out", str(out)])
     monkeypatch.setattr(roofline, "COPY_BYTES", (2**16, 2**18))
-    monkeypatch.setattr(interrupts, "end_at_once", lambda: None)
     monkeypatch.setattr(cli, "run", lambda main: main.__globals__.update(ROOFLINE_QUICK=((16, 32), (33,), (4, 64))))
     runpy.run_path(str(ROOT / "scripts" / "bench.py"), run_name="__main__")["main"]()
 
