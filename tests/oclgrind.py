@@ -37,6 +37,7 @@ from lightdome.harmonics import Harmonics, project, shade_harmonics
 from lightdome.images import ImageRows, write_image
 from lightdome.mediancut import median_cut
 from lightdome.programs import Programs
+from lightdome.rates import Rates
 from lightdome.render import ESTIMATORS, render
 from lightdome.render import SEQUENCES as RENDER_SEQUENCES
 from lightdome.samples import SEQUENCES
@@ -106,7 +107,8 @@ def simulator(as_gpu: bool) -> Simulator:
     (handle,) = cl.get_platforms()[0].get_devices()
     context = cl.Context([handle])
     queue = cl.CommandQueue(context, properties=cl.command_queue_properties.PROFILING_ENABLE)
-    return Simulator(handle, context, queue, Programs(context), as_gpu=as_gpu)
+    rates = Rates(fused=1, plain=1, copies=1, transfers=None, launches=1, numpy=1)  # a simulator's are no use
+    return Simulator(handle, context, queue, Programs(context, FUSED=1), rates, as_gpu=as_gpu)
 
 
 def zeros(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceArray:
