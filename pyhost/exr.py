@@ -102,8 +102,11 @@ def _specs(path: Path, file: oiio.ImageInput) -> list[oiio.ImageSpec]:
 
 
 def _part(path: Path, spec: oiio.ImageSpec) -> Part:
-    if spec.get_int_attribute("openexr:luminancechroma"):  # as R, G, B, with an error when they are read
-        raise _subsampled(path)
+    if spec.get_int_attribute("openexr:luminancechroma"):  # as R, G, B in OpenImageIO before 3.2, which reads none
+        raise LightdomeError(
+            f"{path}: this version of OpenImageIO reads no luminance-chroma channels (Y, RY, BY), subsampled or not;"
+            " update OpenImageIO, or save the file as R, G, B"
+        )
     try:
         views = spec.getattribute("multiView") or ()
         return Part(

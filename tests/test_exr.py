@@ -169,7 +169,6 @@ TWO_PARTS = [
         ([Part(planes(OTHER, layer="fill"), "fill"), Part(planes(MAP, layer="key"), "key")], "key"),
         (TWO_PARTS, "own"),
         (TWO_PARTS, "right.own"),
-        ([Part(OTHERS, "same"), Part(planes(MAP), "same")], "same#2"),
     ],
 )
 def test_a_layer_is_taken_by_its_name_or_its_part_s(tmp_path: Path, parts: list[Part], layer: str) -> None:
@@ -177,6 +176,16 @@ def test_a_layer_is_taken_by_its_name_or_its_part_s(tmp_path: Path, parts: list[
     np.testing.assert_array_equal(read_image(path, layer=layer), MAP)
     np.testing.assert_array_equal(EnvironmentMap.read(path, layer=layer).radiance, MAP)
     np.testing.assert_array_equal(next(ImageRows(path, layer=layer).read(np.arange(HEIGHT)))[1], MAP)
+
+
+def test_parts_of_the_same_name_are_told_apart_or_refused(tmp_path: Path) -> None:
+    """The format forbids them, but not every OpenEXR that OpenImageIO comes with refuses them."""
+    path = written(tmp_path, Part(OTHERS, "same"), Part(planes(MAP), "same"))
+    if oiio.ImageInput.open(str(path)):
+        np.testing.assert_array_equal(read_image(path, layer="same#2"), MAP)
+    else:
+        with pytest.raises(LightdomeError, match="not a unique name"):
+            read_image(path, layer="same#2")
 
 
 def test_a_layer_that_is_not_there_or_no_colour_is_refused(tmp_path: Path) -> None:
@@ -260,8 +269,9 @@ def test_luminance_and_chroma_are_converted_by_the_file_s_chromaticities(
 
 def test_subsampled_chroma_is_refused_by_that_name(tmp_path: Path) -> None:
     small = np.zeros((HEIGHT // 2, WIDTH // 2), np.float16)
-    with pytest.raises(LightdomeError, match=r"subsampled.*luminance-chroma"):
+    with pytest.raises(LightdomeError, match=r"subsampled") as error:
         read_image(written(tmp_path, Part({"Y": GREY.astype(np.float16), "RY": small, "BY": small})))
+    assert "luminance-chroma" in str(error.value)
 
 
 def test_bad_chromaticities_are_refused(tmp_path: Path) -> None:
