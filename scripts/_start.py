@@ -40,7 +40,8 @@ def has_lightdome() -> bool:
 def go_on_in_venv() -> None:
     """Run the same command with the Python of .venv; return if there is none, or if it is already running."""
     python = str(ROOT / ".venv" / "bin" / "python")
-    if sys.executable != python and os.access(python, os.X_OK):
+    if sys.executable != python and os.access(python, os.X_OK) and os.environ.get("LIGHTDOME_VENV") != python:
+        os.environ["LIGHTDOME_VENV"] = python  # once: it may be a wrapper round a Python of another name
         signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)  # kept until that Python can handle them
         with contextlib.suppress(OSError):
             os.execv(python, [python, *getattr(sys, "orig_argv", ["", *sys.argv])[1:]])
