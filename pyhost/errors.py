@@ -21,6 +21,11 @@ def exactly(value: float) -> str:
     return repr(float(value)).removesuffix(".0")
 
 
+def quoted(text: str) -> str:
+    """Text from a user or a file, in quotes, printable and not too long; nothing is ''."""
+    return shown(repr(text[:200]))[:202]
+
+
 def one_line(message: object) -> str:
     """What another library says, fit for a :class:`LightdomeError`: its first line, printable and not too long."""
     lines = str(message).strip().splitlines() or ["no reason given"]

@@ -14,12 +14,14 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from .errors import LightdomeError, one_line
+from .errors import LightdomeError, quoted
 from .exr_layers import Layer, Part, choose_layer
 from .float_range import LARGEST, LARGEST_HALF
 from .image_source import ImageSource, check_size, damaged
 from .oiio_files import open_input, reason
 
+# Time that OpenEXR takes for a header grows with the square of its attributes and of its channels.
+HEADER_BYTES, ATTRIBUTES, CHANNELS_BYTES = 2**24, 2000, 2**18
 # The most values that a byte stands for: 2-byte values deflate by up to 1032. Methods that transform blocks keep one of
 # 64 before that.
 DENSITY, DENSITY_OF_BLOCKS = 516, 64 * 516
@@ -30,6 +32,7 @@ REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # OpenEXR's defa
 @contextmanager
 def open_exr(path: Path, layer: str | None) -> Iterator[ImageSource]:
     """An open EXR file. Raises :class:`LightdomeError` where it is damaged or has no such layer."""
+    _check_header(path)
     file = open_input(path)
     if file is None:
         why = reason(oiio.geterror)
@@ -91,6 +94,30 @@ def _source(path: Path, file: oiio.ImageInput, name: str | None) -> ImageSource:
     )
 
 
+def _check_header(path: Path) -> None:
+    """Refuse a header that takes OpenEXR long; what else is wrong with it, OpenEXR says better."""
+    with path.open("rb") as stream:
+        data = stream.read(HEADER_BYTES)
+    several_parts = len(data) > 8 and data[5] & 0x10
+    at, count = 8, 0
+    while at < len(data):
+        name_end = data.find(b"\0", at, at + 256)
+        if name_end == at:  # the end of a part's header
+            if not (several_parts and count):
+                return
+            at, count = at + 1, 0
+            continue
+        kind_end = data.find(b"\0", name_end + 1, name_end + 257)
+        if min(name_end, kind_end) < 0:
+            return
+        size = int.from_bytes(data[kind_end + 1 : kind_end + 5], "little")
+        at, count = kind_end + 5 + size, count + 1
+        if count > ATTRIBUTES or (data[name_end + 1 : kind_end] == b"chlist" and size > CHANNELS_BYTES):
+            raise damaged(path, "its header has too many attributes or channels for an image")
+    if len(data) == HEADER_BYTES:
+        raise damaged(path, f"its header is longer than {HEADER_BYTES >> 20} MiB")
+
+
 def _specs(path: Path, file: oiio.ImageInput) -> list[oiio.ImageSpec]:
     """The specification of every part."""
     specs = []
@@ -145,7 +172,7 @@ def _check(path: Path, spec: oiio.ImageSpec) -> None:
 
 def _notes(path: Path, spec: oiio.ImageSpec, layer: Layer, chosen: bool) -> Iterator[str]:
     if layer.label and not chosen:
-        yield f"note: the map in {path} is its layer {one_line(repr(layer.label))}; --layer NAME takes another"
+        yield f"note: the map in {path} is its layer {quoted(layer.label)}; --layer NAME takes another"
     if spec.get_string_attribute("textureformat") == "LatLong Environment":
         yield (
             f"note: {path} says envmap = latlong, by which OpenEXR means samples on the border, the first and last row"
@@ -176,4 +203,5 @@ def _from_chroma(pixels: np.ndarray, weights: np.ndarray) -> np.ndarray:
         green = (luminance - red * weights[0] - blue * weights[2]) / weights[1]
         is_grey = (red_chroma == 0) & (blue_chroma == 0)
         rgb = np.stack([red, np.where(is_grey, luminance, green), blue], axis=2)
+        rgb[np.isposinf(luminance)] = np.inf  # a sun, and not a green that is no number
         return rgb.astype(np.float32)

@@ -25,7 +25,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from .errors import LightdomeError, one_line
+from .errors import LightdomeError, one_line, quoted
 
 LISTED_CHANNELS, LISTED_CHARACTERS = 8, 240
 RGB = ("R", "G", "B")
@@ -33,9 +33,15 @@ RGB_IN_ANY_CASE = (("r", "g", "b"), ("red", "green", "blue"))
 CHROMA = ("y", "ry", "by")
 MAIN = re.compile("combined|rgba?|beauty|colou?r|ci?|main|master|default|image|final|composite", re.IGNORECASE)
 NO_LIGHT = re.compile(
-    "z?depth|z|ao|(ambient)?occlusion|albedo|(diff|gloss|trans)col|basecolor|normals?|nrm|n[gs]?|pos(ition)?|p(world)?"
-    "|uvs?|st|(motion)?vectors?|motion|velocity|speed|mist|a(lpha)?|masks?|mattes?|shadow|(object|material)?ids?"
-    "|index(ob|ma)|crypto(matte|object|material|asset)?|roughness|variance|samplecount|debug|wireframe|facing|curvature",
+    "("
+    "(z|w)?depth|z|pz|deepz|z?buffer|distance|coc|height|displacement|bump|cavity|curvature"
+    "|(ss|hb|gt)?ao|amb(ient)?occ|(ambient)?occlusion|shadow|a(lpha)?|opacity|masks?|mattes?"
+    "|albedo|(diff|gloss|trans|subsurface)col|(diffuse|glossy|transmission|subsurface|base|vertex)colou?r|filter"
+    "|roughness|metal(lic|ness)?|fresnel|facing|dotproduct|heat|wireframe|debug|variance|sample(s|r|count|rate|info)?"
+    "|normals?|nrm|n[gs]?|[pn]ref|(bi|bitan)?tangents?|binormals?|pos(ition)?|p(world)?|uvs?|st|tex(ture)?coords?"
+    "|(motion)?vectors?|motion|velocity|speed|mist"
+    "|(object|material)?ids?|index(ob|ma)|crypto(matte|object|material|asset)?"
+    ")(map|pass)?",
     re.IGNORECASE,
 )
 
@@ -91,16 +97,16 @@ def choose_layer(path: Path, parts: Sequence[Part], wanted: str | None) -> Layer
     else:
         candidates = _named(layers, wanted)
         if not candidates:
-            raise LightdomeError(f"{path}: there is no layer {one_line(wanted)!r}; {_listed(layers)}")
+            raise LightdomeError(f"{path}: there is no layer {quoted(wanted)}; {_listed(layers)}")
     found = _by_the_rule([layer for layer in candidates if not layer.is_deep], len(parts) > 1)
     if len(found) == 1:
         return found[0]
     if found:
-        labels = _joined([one_line(repr(layer.label)) for layer in found])
+        labels = _joined([quoted(layer.label) for layer in found])
         raise LightdomeError(f"{path}: {len(found)} layers could be the map: {labels}; choose one with --layer NAME")
     if any(layer.is_deep for layer in candidates):
         raise LightdomeError(f"{path} is a deep image, which is no environment map; flatten it")
-    where = "it" if wanted is None else f"its layer {one_line(wanted)!r}"
+    where = "it" if wanted is None else f"its layer {quoted(wanted)}"
     usable = any((layer.colour or layer.grey) and not layer.is_deep for layer in layers)
     advice = "; choose a layer with --layer NAME" if usable else ""
     raise LightdomeError(f"{path}: {where} has no R, G and B, nor Y, that could be the map; {_listed(layers)}{advice}")
@@ -179,8 +185,9 @@ def _without_view(name: str, views: set[str]) -> tuple[list[str], str]:
 
 def _means_no_light(name: str) -> bool:
     words = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)
-    # Letters alone mean something only where they are the whole name: "key A" is no alpha.
-    return any(NO_LIGHT.fullmatch(word) for word in (*(word for word in words if len(word) > 1), "".join(words)))
+    # Letters alone mean something only where they are the whole name: "key A" is no alpha, nor is "a1".
+    words = [word for word in (*words, "".join(words)) if len(word) > 1] or [name]
+    return any(NO_LIGHT.fullmatch(word) for word in words)
 
 
 def _named(layers: Sequence[Layer], wanted: str) -> list[Layer]:
@@ -205,8 +212,8 @@ def _listed(layers: Sequence[Layer]) -> str:
 
 def _joined(entries: Sequence[str]) -> str:
     """As many as a message has room for."""
-    shown = entries
+    shown = list(entries[:LISTED_CHARACTERS])
     while len("; ".join(shown)) > LISTED_CHARACTERS and len(shown) > 1:
-        shown = shown[:-1]
+        del shown[-1]
     more = f"; and {len(entries) - len(shown)} more" if len(shown) < len(entries) else ""
     return "; ".join(shown) + more

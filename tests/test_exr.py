@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import time
 from pathlib import Path
 
 import numpy as np
@@ -201,6 +202,39 @@ def test_a_layer_that_is_not_there_or_no_colour_is_refused(tmp_path: Path) -> No
         read_image(tmp_path / "map.pfm", layer="a")
 
 
+def test_the_names_of_layers_that_hold_no_light_are_known(tmp_path: Path) -> None:
+    names = "Diffuse Color,TransCol,VRayDiffuseFilter,Opacity,SSAO,zbuffer,DeepZ,Pz,Nref,uvmap,depthmap,zpass,N,Z"
+    for name in (*names.split(","), "samplerInfo", "CryptoAsset00", "world_position", "tangent", "heatmap"):
+        with pytest.raises(LightdomeError, match=f"{name} .*; choose a layer with --layer NAME"):
+            read_image(written(tmp_path, layers(**{name: MAP})))
+    for name in ("a1", "p0", "Pass", "Glossy Direct", "key_A", "sky", "emission", "Env", "left", "RGBA_Diffuse"):
+        np.testing.assert_array_equal(read_image(written(tmp_path, layers(**{name: MAP}))), MAP)
+
+
+def test_a_name_is_quoted_as_it_is(tmp_path: Path) -> None:
+    path = written(tmp_path, layers(key=MAP, fill=OTHER))
+    for layer, quoted in (("no\nsuch", "'no\\\\nsuch'"), ("\ud800", "'\\\\ud800'"), (" ", "' '")):
+        with pytest.raises(LightdomeError, match=f"no layer {quoted};") as error:
+            read_image(path, layer)
+        assert str(error.value).isprintable()
+
+
+def test_many_parts_and_long_headers_cost_little_time(tmp_path: Path) -> None:
+    parts = [Part({c: np.ones((1, 1), np.float16) for c in "RGB"}, f"light{n}") for n in range(3000)]
+    attributes = {f"attribute{n:06}": ("int", bytes(4)) for n in range(10**5)}
+    channels = b"".join(b"c%06d" % n + bytes(17) for n in range(10**5))
+    start = time.perf_counter()
+    with pytest.raises(LightdomeError, match="3000 layers could be the map"):
+        read_image(written(tmp_path, *parts))
+    with pytest.raises(LightdomeError, match="too many attributes or channels"):
+        read_image(written(tmp_path, Part(planes(MAP), attributes=attributes)))
+    with pytest.raises(LightdomeError, match="too many attributes or channels"):
+        read_image(written(tmp_path, Part(planes(MAP), attributes={"channels": ("chlist", channels)})))
+    with pytest.raises(LightdomeError, match="longer than 16 MiB"):
+        read_image(written(tmp_path, Part(planes(MAP), attributes={"note": ("string", bytes(2**24))})))
+    assert time.perf_counter() - start < 5
+
+
 def test_many_layers_fit_into_a_message(tmp_path: Path) -> None:
     many = written(tmp_path, layers(**{f"{i}_{'x' * 100}": MAP for i in range(200)}))
     for layer in (None, "y"):
@@ -265,6 +299,14 @@ def test_luminance_and_chroma_are_converted_by_the_file_s_chromaticities(
             read_image(path)
     else:
         np.testing.assert_allclose(read_image(path), MAP, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.skipif(CHROMA_IS_HIDDEN, reason="this OpenImageIO hides chroma")
+def test_an_infinite_luminance_is_a_sun_without_a_hole_in_its_green(tmp_path: Path) -> None:
+    channels = {name: np.full((1, 2), value, np.float16) for name, value in (("Y", np.inf), ("RY", -0.5), ("BY", 0.5))}
+    path = written(tmp_path, Part(channels))
+    np.testing.assert_array_equal(read_image(path), np.full((1, 2, 3), np.inf))
+    np.testing.assert_array_equal(EnvironmentMap.read(path, sanitize="clamp").radiance, np.full((1, 2, 3), 65504))
 
 
 def test_subsampled_chroma_is_refused_by_that_name(tmp_path: Path) -> None:
