@@ -37,7 +37,7 @@ def open_pfm(path: Path) -> Iterator[ImageSource]:
         start = file.read(HEADER_BYTES)
         header = HEADER.match(start)
         if header is None:
-            raise damaged(path, "a PFM file begins with PF, its width, its height and its scale")
+            raise damaged(path, f"it must begin with PF, width, height and scale, in at most {HEADER_BYTES >> 10} KiB")
         kind, *size, scale_word = header.groups()
         if kind not in CHANNELS:
             raise LightdomeError(f"{path}: {_shown(kind)} is no kind of PFM file that lightdome reads: PF, Pf or PF4")
@@ -57,7 +57,9 @@ def open_pfm(path: Path) -> Iterator[ImageSource]:
         row_bytes = columns * channels * number.itemsize
         first_byte = path.stat().st_size - rows * row_bytes
         gap = start[header.end() : first_byte] if header.end() < first_byte <= len(start) else b""
-        if not (AFTER_SCALE.fullmatch(gap) or (len(gap) == 1 and gap.isspace())):
+        # One white space may be all, unless a new line follows: then a byte of the pixels is missing.
+        a_byte_short = b"\n" in start[: header.end()] and start[first_byte:].startswith(b"\n")
+        if not (AFTER_SCALE.fullmatch(gap) or (len(gap) == 1 and gap.isspace() and not a_byte_short)):
             raise damaged(
                 path,
                 f"{columns} x {rows} pixels take {rows * row_bytes} bytes, but its header is followed by"

@@ -25,7 +25,7 @@ from typing import BinaryIO
 import numpy as np
 import OpenImageIO as oiio
 
-from .errors import LightdomeError, one_line
+from .errors import LightdomeError, quoted, shown
 from .image_source import ImageSource, check_size, damaged
 from .oiio_files import open_input
 
@@ -86,7 +86,7 @@ def read_header(path: Path, start: bytes) -> Header:
     """The header at the start of a file of that path."""
     lines = [line.rstrip(b"\r").decode("latin-1") for line in start.split(b"\n")]
     if "" not in lines[:-2]:
-        raise damaged(path, "its header has no end, which is an empty line and the line of its size")
+        raise damaged(path, "its header has no end, an empty line and the line of its size, in the first MiB")
     end = lines.index("")
     header_bytes = sum(len(line) + 1 for line in start.split(b"\n", end + 2)[:-1])
 
@@ -105,12 +105,12 @@ def read_header(path: Path, start: bytes) -> Header:
         numbers = [float(word) if NUMBER.fullmatch(word) else 0.0 for word in words]
         if name == "GAMMA":
             if numbers != [1]:
-                notes.append(f"note: {path} says GAMMA={one_line(value)}, which is not undone")
+                notes.append(f"note: {path} says GAMMA={shown(value[:200])}, which is not undone")
             continue
         wanted = 3 if name == "COLORCORR" else 1
         if len(numbers) != wanted or not all(0 < n < math.inf for n in numbers):
             raise LightdomeError(
-                f"{path}: bad header line {one_line(line)!r}; {name} takes {wanted} finite number"
+                f"{path}: bad header line {quoted(line)}; {name} takes {wanted} finite number"
                 f"{'s' if wanted > 1 else ''} above 0"
             )
         with np.errstate(over="ignore", under="ignore"):
@@ -125,7 +125,7 @@ def read_header(path: Path, start: bytes) -> Header:
 
     size = SIZE.fullmatch(lines[end + 1])
     if not size or size[1][1] == size[3][1]:
-        raise damaged(path, f"{one_line(lines[end + 1])!r} is no size such as -Y 512 +X 1024")
+        raise damaged(path, f"{quoted(lines[end + 1])} is no size such as -Y 512 +X 1024")
     rows, columns = int(size[2]), int(size[4])
     return Header(rows, columns, ORIENTATIONS[size[1] + size[3]], divisor, tuple(notes), header_bytes)
 
@@ -138,7 +138,7 @@ def _check_format(path: Path, value: str) -> None:
             " to RGB, with ra_xyze -r of Radiance for one"
         )
     if value.lower() != "32-bit_rle_rgbe":
-        raise LightdomeError(f"{path}: its FORMAT is {one_line(value)!r}, and lightdome reads 32-bit_rle_rgbe")
+        raise LightdomeError(f"{path}: its FORMAT is {quoted(value)}, and lightdome reads 32-bit_rle_rgbe")
 
 
 def _is_packed(data: bytes, at: int, columns: int) -> bool:

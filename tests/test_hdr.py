@@ -187,6 +187,9 @@ def test_unusual_but_sound_headers_are_read(tmp_path: Path, content: bytes) -> N
     [
         (hdr(RGBE, b"FORMAT=32-bit_rle_xyze\n"), "XYZ.*ra_xyze"),
         (hdr(RGBE, b"FORMAT=Radiance_spectra\n"), "FORMAT is 'Radiance_spectra'"),
+        (hdr(RGBE, b"FORMAT=\n"), "FORMAT is ''"),
+        (hdr(RGBE, FORMAT + b"\n"), "'' is no size"),
+        (hdr(RGBE, FORMAT + b"x" * 2**20), "no end.* in the first MiB"),
         (hdr(RGBE, b"EXPOSURE=0\n"), "bad header line 'EXPOSURE=0'"),
         (hdr(RGBE, b"EXPOSURE=-1\n"), "bad header line"),
         (hdr(RGBE, b"EXPOSURE=nan\n"), "bad header line"),

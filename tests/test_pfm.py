@@ -78,8 +78,11 @@ def test_the_scale_multiplies_and_is_said(tmp_path: Path) -> None:
         (b"PF\n5 2\n-1\n" + LITTLE, "take 120 bytes"),
         (b"Pf\n5 3\n-1\n" + LITTLE, "take 60 bytes"),
         (b"PF\n5 3\n-1\n\n\n" + LITTLE, "take 180 bytes"),
-        (b"PF\n5 3\n", "begins with PF"),
-        (b"PF\n# no end", "begins with PF"),
+        # Of a header that ends in CRLF, or in a space and LF: the LF is no byte of a pixel.
+        (b"PF\r\n5 3\r\n-1\r\n" + LITTLE[:-1], "take 180 bytes"),
+        (b"PF\n5 3\n-1 \n" + LITTLE[:-1], "take 180 bytes"),
+        (b"PF\n5 3\n", "begin with PF"),
+        (b"PF\n# no end", "begin with PF"),
         (b"PF\n60000 60000\n-1\n" + LITTLE, "60000 x 60000"),
     ],
 )
