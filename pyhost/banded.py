@@ -70,7 +70,7 @@ def sample_file(
     marginal_cdf, total = build_marginal_cdf(device, buffers.upload(device, row_sums))
     if total == 0:
         raise LightdomeError(BLACK)
-    if report and (replaced := inspection.replaced(image.height, total / scale)):
+    if report is not None and (replaced := inspection.replaced(image.height, total / scale)):
         report(replaced)
     chosen = [_choose_rows(device, marginal_cdf, *pair, key) for pair in zip(counts, defines, strict=True)]
     row, across = (np.concatenate(parts) for parts in zip(*chosen, strict=True))

@@ -50,7 +50,9 @@ def empty(device: Device, shape: int | tuple[int, ...], dtype: type, out: np.nda
     size = math.prod(shape) * kind.itemsize
     check_room(device, size)
     if out is not None and not (out.shape == shape and out.dtype == kind and out.flags.carray and _is_aligned(out)):
-        raise LightdomeError(f"out is not what an earlier call returned, arrays of shape {shape} and type {kind}")
+        raise LightdomeError(
+            f"out must be what an earlier call returned: expected shape {shape} {kind}, got {out.shape} {out.dtype}"
+        )
     host = None
     if device.shares_host_memory:
         host = _aligned(shape, kind) if out is None else out

@@ -1,4 +1,4 @@
-"""Checks of what public functions are given: one line says what was expected and what came.
+"""Checks of what public functions are given: one line says what was expected and what was given.
 
 Each returns the value in the one form that the rest of the code knows, and raises :class:`LightdomeError`.
 """
@@ -110,13 +110,32 @@ def choice(what: str, value: object, names: Iterable[str]) -> str:
 
 
 def path(value: object) -> Path:
-    """A file's path, which Python can open."""
+    """A file's path, which Python can pass to the system."""
     if not isinstance(value, str | os.PathLike):
         raise LightdomeError(f"a file must be named by a path, got {told(value)}")
     result = Path(os.fsdecode(value))
-    if "\0" in str(result):
+    try:
+        os.fsencode(result)
+        possible = "\0" not in str(result)
+    except UnicodeEncodeError:
+        possible = False
+    if not possible:
         raise LightdomeError(f"no file can be named {told(str(result))}")
     return result
+
+
+def optional_text(what: str, value: object) -> str | None:
+    """A string, or None."""
+    if not (value is None or isinstance(value, str)):
+        raise LightdomeError(f"{what} must be a string or None, got {told(value)}")
+    return value
+
+
+def flag(what: str, value: object) -> bool:
+    """True or False; numbers and texts are refused, since 'no' would be true."""
+    if not isinstance(value, bool | np.bool_):
+        raise LightdomeError(f"{what} must be True or False, got {told(value)}")
+    return bool(value)
 
 
 def array(
@@ -130,7 +149,9 @@ def array(
 
     It is ``value`` itself where nothing is to be done, unless it is to be our ``own``: then nobody can write to it.
     """
-    form = "" if shape is None else f"an array of shape ({', '.join(map(str, shape))}{',' * (len(shape) == 1)}) of "
+    form = "given as real numbers"
+    if shape is not None:
+        form = f"an array of real numbers of shape ({', '.join(map(str, shape))}{',' * (len(shape) == 1)})"
     try:
         result = np.asarray(value)
     except (ValueError, TypeError):  # rows of different lengths

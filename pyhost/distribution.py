@@ -79,7 +79,7 @@ class Distribution:
         Raises :class:`LightdomeError` as :meth:`sample` does, and for ``out`` of other shapes or types.
         """
         if out is not None and not (isinstance(out, tuple) and [type(a) for a in out] == [np.ndarray] * 2):
-            raise LightdomeError(f"out is not what an earlier call returned, two arrays, but {checks.told(out)}")
+            raise LightdomeError(f"out must be the two arrays that an earlier call returned, got {checks.told(out)}")
         defines = {"PIXELS": 1, **sequence_define(count, sequence)}
         pixel, probability = self._draw(count, philox_key(seed), defines, out or (None, None))
         return pixel, probability
@@ -91,9 +91,9 @@ class Distribution:
         """
         points = checks.array("points", points, ("N", 2), np.float64)
         if len(points) == 0:
-            raise LightdomeError("points have shape (N, 2), with one or more, not (0, 2)")
+            raise LightdomeError("points must have shape (N, 2) with N at least 1, got (0, 2)")
         if not ((points >= 0) & (points < 1)).all():
-            raise LightdomeError("points lie in [0, 1)")
+            raise LightdomeError("points must lie in [0, 1)")
         bits = np.floor(points * 2.0**32).astype(np.uint32)
         given = buffers.upload(self.device, bits).buffer
         return self._sample(len(bits), given, {"SEQUENCE_GIVEN": 1}, "given", 0)
@@ -198,8 +198,8 @@ def is_guided(count: int, envmap: EnvironmentMap) -> bool:
 
 def sequence_define(count: int, sequence: str) -> dict[str, int]:
     """What kernels that draw ``count`` points of a ``sequence`` are built with; refuses what there is not."""
-    checks.choice("sequence", sequence, SEQUENCES)
-    checks.whole(f"cannot draw {checks.told(count)} samples: their count", count, 1, MAX_COUNT)
+    checks.choice("the sequence", sequence, SEQUENCES)
+    checks.whole("the number of samples", count, 1, MAX_COUNT)
     return {f"SEQUENCE_{sequence.upper()}": 1}
 
 

@@ -40,7 +40,7 @@ def solid_angles(height: int, width: int) -> np.ndarray:
     The integral of sin(theta) over the row is 2 sin(pi / 2H) sin(theta), exactly proportional to
     sin(theta) at the centre.
     """
-    width = checks.whole("a width", width, 1, MAX_SIDE)
+    height, width = checks.whole("a height", height, 1, MAX_SIDE), checks.whole("a width", width, 1, MAX_SIDE)
     return 2 * np.pi / width * 2 * np.sin(np.pi / (2 * height)) * np.sin(row_angles(height))
 
 
@@ -115,7 +115,7 @@ class EnvironmentMap:
 
     def _take(self, radiance: np.ndarray, inspection: Inspection, name: str, notes: tuple[str, ...] = ()) -> None:
         if 0 in radiance.shape:
-            raise LightdomeError(f"{name}: an environment map has shape (H, W, 3), not {radiance.shape}")
+            raise LightdomeError(f"{name} must have shape (H, W, 3) and at least one pixel, got shape {radiance.shape}")
         radiance = inspection.mended(radiance)
         inspection.refuse_bad_pixels(name)
         radiance.flags.writeable = False
@@ -175,7 +175,8 @@ class Inspection:
         if sanitize is None or isinstance(sanitize, bool | np.bool_):
             sanitize = "black" if sanitize else None
         elif not (isinstance(sanitize, str) and sanitize in SANITIZE):
-            raise LightdomeError(f"sanitize is False, {' or '.join(map(repr, SANITIZE))}, not {checks.told(sanitize)}")
+            names = " or ".join(map(repr, SANITIZE))
+            raise LightdomeError(f"sanitize must be False, {names}, got {checks.told(sanitize)}")
         self.sanitize = sanitize
         self.infinity = largest if sanitize == "clamp" else 0.0
         self.peak = 0.0

@@ -48,10 +48,10 @@ def to_equal_area(radiance: np.ndarray, side: int | None = None) -> np.ndarray:
     radiance = checks.array("radiance", radiance, ("H", "W", 3))
     height, width = radiance.shape[:2]
     if radiance.size == 0:
-        raise LightdomeError(f"radiance of shape {radiance.shape} has no pixels")
+        raise LightdomeError(f"radiance must have at least one pixel, got shape {radiance.shape}")
     side = equal_area_side(height, width) if side is None else checks.whole("the side", side, 2, 2**15)
     if side % 2:
-        raise LightdomeError(f"the side is an even number, not {side}")
+        raise LightdomeError(f"the side must be an even number, got {side}")
     # Pixels must not straddle octants; halves and quarters of a pixel are the same map.
     radiance = np.repeat(radiance, 1 + height % 2, axis=0)
     radiance = np.repeat(radiance, 4 // np.gcd(width, 4), axis=1)

@@ -24,6 +24,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
     :class:`LightdomeError`.
     """
     path = Path(path)
+    if not path.name:
+        raise LightdomeError(f"cannot write {path}: a file needs a name")
     temporary = path.with_name(f".{path.stem}.{secrets.token_hex(4)}{path.suffix}")
     # Everything from here on can be interrupted at any moment.
     try:

@@ -49,7 +49,7 @@ def _angle(theta: ArrayLike) -> Array:
 
 def _all_in(values: Array, right: NDArray[np.bool_], what: str, wanted: str) -> None:
     if not right.all():
-        raise LightdomeError(f"{what} {wanted}, and is not {values[~right].flat[0]:g}")
+        raise LightdomeError(f"{what} {wanted}, got {values[~right].flat[0]:g}")
 
 
 def _together(*values: Array) -> None:
@@ -57,7 +57,7 @@ def _together(*values: Array) -> None:
         np.broadcast_shapes(*(v.shape for v in values))
     except ValueError:
         shapes = " and ".join(str(v.shape) for v in values)
-        raise LightdomeError(f"angles and indices have shapes that go together, not {shapes}") from None
+        raise LightdomeError(f"angles and indices must have shapes that broadcast together, got {shapes}") from None
 
 
 def _indices(n_i: ArrayLike, n_t: ArrayLike) -> tuple[Array, Array]:
@@ -77,7 +77,7 @@ def _pair(n_i: float, n_t: float) -> tuple[float, float]:
     """The same of two numbers."""
     a, b = _indices(n_i, n_t)
     if a.ndim or b.ndim:
-        raise LightdomeError(f"a refractive index is one number here, not an array of shape {a.shape or b.shape}")
+        raise LightdomeError(f"a refractive index must be one number here, got an array of shape {a.shape or b.shape}")
     return float(a), float(b)
 
 

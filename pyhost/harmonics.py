@@ -45,9 +45,11 @@ class Harmonics:
         coefficients = checks.array("coefficients", self.coefficients, ("(order + 1)^2", 3), np.float64, own=True)
         count = len(coefficients)
         if math.isqrt(count) ** 2 != count or count == 0:
-            raise LightdomeError(f"harmonics up to an order l have (l + 1)^2 coefficients, not {count}")
+            raise LightdomeError(f"harmonics up to order l must have (l + 1)^2 coefficients, got {count}")
         if not (np.abs(coefficients) <= checks.BRIGHTEST).all():
-            raise LightdomeError(f"coefficients of harmonics are at most {checks.BRIGHTEST:g}, not infinite or NaN")
+            raise LightdomeError(
+                f"coefficients of harmonics must be at most {checks.BRIGHTEST:g}, got larger ones or NaN"
+            )
         object.__setattr__(self, "coefficients", coefficients)
 
     @property
@@ -134,7 +136,7 @@ def shade_harmonics(device: Device, harmonics: Harmonics, resolution: int = 511,
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
     order = harmonics.order
     if order > MAX_ORDER:
-        raise LightdomeError(f"spherical harmonics are of order 0 to {MAX_ORDER}, not {order}")
+        raise LightdomeError(f"the order of harmonics must be from 0 to {MAX_ORDER}, got {order}")
     a, b = _recurrence(order)
     filtered = harmonics.coefficients * np.repeat(clamped_cosine(order), 2 * np.arange(order + 1) + 1)[:, None]
     terms = []

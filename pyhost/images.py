@@ -48,7 +48,8 @@ def read_image(path: str | Path, layer: str | None = None, flip: bool = False) -
     Raises :class:`LightdomeError` for a file that is missing, truncated, damaged or of another kind, and for one whose
     colour is not certain, with a list of its layers.
     """
-    with _opened(checks.path(path), layer) as source:
+    path, layer, flip = checks.path(path), checks.optional_text("layer", layer), checks.flag("flip", flip)
+    with _opened(path, layer) as source:
         pixels = _upright(source.read(0, source.rows), source.orientation)
     return np.ascontiguousarray(pixels[::-1] if flip else pixels)
 
@@ -70,9 +71,9 @@ class ImageRows:
         self, path: str | Path, batch: int | None = None, layer: str | None = None, flip: bool = False
     ) -> None:
         self.path = checks.path(path)
-        self.flip = flip
-        self._layer = layer
-        with _opened(self.path, layer) as source:
+        self.flip = checks.flag("flip", flip)
+        self._layer = checks.optional_text("layer", layer)
+        with _opened(self.path, self._layer) as source:
             self._on_its_side = source.orientation >= 5
             self.height, self.width = (source.rows, source.columns)[:: -1 if self._on_its_side else 1]
             self.largest = source.largest
@@ -92,7 +93,7 @@ class ImageRows:
         rows = checks.array("rows", rows, ("N",))
         inside = rows.size == 0 or (rows[0] >= 0 and rows[-1] < self.height and (np.diff(rows.astype(float)) > 0).all())
         if rows.dtype.kind == "f" or not inside:
-            raise LightdomeError(f"rows are ascending whole numbers from 0 to {self.height - 1}")
+            raise LightdomeError(f"rows must be ascending whole numbers from 0 to {self.height - 1}")
         last = self.height - 1
         if not self.flip:
             return self._read(rows)
@@ -201,9 +202,9 @@ def _numbers(radiance: np.ndarray) -> np.ndarray:
     """Radiance in an array of any shape but an empty one, without NaN."""
     radiance = checks.array("radiance", radiance)
     if radiance.size == 0 or radiance.ndim == 0:
-        raise LightdomeError(f"radiance is an array of pixels, not one of shape {radiance.shape}")
+        raise LightdomeError(f"radiance must be an array with at least one pixel, got shape {radiance.shape}")
     if np.isnan(radiance.max()):
-        raise LightdomeError(f"radiance holds NaN in {int(np.isnan(radiance).sum())} places; mend it first")
+        raise LightdomeError(f"radiance must not hold NaN, got {int(np.isnan(radiance).sum())}; replace it first")
     return radiance
 
 
@@ -217,22 +218,22 @@ def write_image(path: str | Path, pixels: np.ndarray) -> None:
     suffix = path.suffix.lower()
     pixels = checks.array("an image", pixels, ("H", "W", 3))
     if suffix not in LINEAR + DISPLAYED:
-        raise LightdomeError(f"cannot write {path}: the name of an image ends in {', '.join(LINEAR + DISPLAYED)}")
+        raise LightdomeError(f"cannot write {path}: the name of an image must end in {', '.join(LINEAR + DISPLAYED)}")
     if 0 in pixels.shape:
         raise LightdomeError(f"cannot write {path}: an image of shape {pixels.shape} has no pixels")
     if suffix in DISPLAYED and pixels.dtype != np.uint8:
         raise LightdomeError(
-            f"cannot write {path}: {suffix} holds 8-bit values, not {pixels.dtype}; give radiance to tone_map first,"
+            f"cannot write {path}: {suffix} holds 8-bit values, got {pixels.dtype}; give radiance to tone_map first,"
             " or write a .pfm or .exr"
         )
     if suffix in LINEAR:
         if pixels.dtype.kind != "f":
             raise LightdomeError(
-                f"cannot write {path}: {suffix} holds radiance, floating point, not {pixels.dtype}; write 8-bit values"
+                f"cannot write {path}: {suffix} holds radiance, floating point, got {pixels.dtype}; write 8-bit values"
                 " as .ppm or .png"
             )
         if pixels.dtype.itemsize > 4 and (np.isfinite(pixels) & (np.abs(pixels) > LARGEST)).any():
-            raise LightdomeError(f"cannot write {path}: it holds values up to {LARGEST:.3g}, and these are larger")
+            raise LightdomeError(f"cannot write {path}: values must be at most {LARGEST:.3g}; scale them down")
         pixels = pixels.astype(np.float32, copy=False)
     height, width, channels = pixels.shape
     spec = oiio.ImageSpec(width, height, channels, oiio.UINT8 if suffix in DISPLAYED else oiio.FLOAT)

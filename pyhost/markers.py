@@ -22,7 +22,11 @@ def mark_pixels(image: np.ndarray, pixel: np.ndarray, size: int, colour: tuple[f
 
     Raises :class:`LightdomeError` for a size that is not from 1 to 2147483647, and for pixels outside the image.
     """
+    checks.instance("the image", image, np.ndarray)
     checks.array("the image", image, ("H", "W", 3))
+    if not image.flags.writeable:
+        raise LightdomeError("the image must be writable, and this one is read-only; give a copy of it")
+    checks.array("the colour", colour, (3,))
     pixel = checks.array("pixel", pixel, ("N", 2))
     size = checks.whole("a marker's size", size, 1, 2**31 - 1)
     height, width = image.shape[:2]
@@ -30,7 +34,7 @@ def mark_pixels(image: np.ndarray, pixel: np.ndarray, size: int, colour: tuple[f
     for begin in range(0, len(pixel), PIXELS_AT_ONCE):
         x, y = pixel[begin : begin + PIXELS_AT_ONCE].T
         if pixel.dtype.kind == "f" or min(x.min(), y.min()) < 0 or x.max() >= width or y.max() >= height:
-            raise LightdomeError(f"pixel holds whole numbers (x, y) of an image of {width} x {height} pixels")
+            raise LightdomeError(f"pixel must hold whole numbers (x, y) inside the image, which is {width} x {height}")
         marked[y, x] = True
     before, after = (size - 1) // 2, size // 2
     _spread(marked, before, after, wrap=True)

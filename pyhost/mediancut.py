@@ -87,7 +87,7 @@ def regions(distribution: Distribution, count: int) -> np.ndarray:
     Raises :class:`LightdomeError` if the map is black or ``count`` is not from 1 to 4194304.
     """
     checks.instance("the distribution", distribution, Distribution)
-    count = checks.whole("the count of lights", count, 1, MAX_LIGHTS)
+    count = checks.whole("the number of lights", count, 1, MAX_LIGHTS)
     if distribution.total == 0:
         raise LightdomeError(BLACK)
     device, envmap = distribution.device, distribution.envmap

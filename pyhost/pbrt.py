@@ -261,7 +261,7 @@ def render(pbrt: Pbrt, scenes: Iterable[Scene], timeout: float | None = None) ->
     """Yield (spp, image) for each of ``pbrt``'s scenes in increasing order: see :func:`render_scene`."""
     checks.instance("the program", pbrt, Pbrt)
     if not isinstance(scenes, Iterable):
-        raise LightdomeError(f"scenes are a list of what write_scenes returns, not {checks.told(scenes)}")
+        raise LightdomeError(f"scenes must be a list of what write_scenes returns, got {checks.told(scenes)}")
     scenes = list(scenes)
     for scene in scenes:
         checks.instance("each of the scenes", scene, Scene)

@@ -133,7 +133,7 @@ def relative_rmse(image: np.ndarray, reference: np.ndarray) -> float:
     """
     shape = np.shape(image)
     if shape != np.shape(reference) or shape != (*shape[:1] * 2, 3):
-        raise LightdomeError(f"two images of shape (R, R, 3) are compared, not {shape} and {np.shape(reference)}")
+        raise LightdomeError(f"both images must have the same shape (R, R, 3), got {shape} and {np.shape(reference)}")
     inside = ~np.isnan(normals(len(image))[..., 0])
     difference = image[inside].astype(np.float64) - reference[inside]
     return float(np.sqrt((difference**2).mean() / (reference[inside].astype(np.float64) ** 2).mean()))

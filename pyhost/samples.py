@@ -48,22 +48,22 @@ class Samples:
     def __post_init__(self) -> None:
         pixel = checks.array("pixel", self.pixel, ("N", 2))
         if pixel.dtype.kind == "f":
-            raise LightdomeError(f"pixel is an array of whole numbers, not of {pixel.dtype}")
+            raise LightdomeError(f"pixel must be an array of whole numbers, got {pixel.dtype}")
         counts = [len(pixel)]
         for name in ("direction", "radiance", "probability"):
             array = checks.array(name, getattr(self, name), _FORMAT[name][1], np.float32, own=True)
             object.__setattr__(self, name, array)
             counts.append(len(array))
         if min(counts) < max(counts) or counts[0] == 0:
-            raise LightdomeError(f"samples are one or more, and as many in each of their arrays, not {counts}")
+            raise LightdomeError(f"each array of samples must have the same length, one or more; got {counts}")
         shape = tuple(checks.wholes("map_shape", self.map_shape, 1, MAX_SIDE))
         if len(shape) != 2:
-            raise LightdomeError(f"map_shape is (height, width), not {checks.told(self.map_shape)}")
+            raise LightdomeError(f"map_shape must be (height, width), got {checks.told(self.map_shape)}")
         object.__setattr__(self, "map_shape", shape)
         object.__setattr__(self, "seed", checks.whole("a seed", self.seed, 0, 2**64 - 1))
         for name in ("sequence", "version"):
             if not isinstance(getattr(self, name), str):
-                raise LightdomeError(f"{name} is a text, not {checks.told(getattr(self, name))}")
+                raise LightdomeError(f"{name} must be a string, got {checks.told(getattr(self, name))}")
         _check("samples", self)
         object.__setattr__(self, "pixel", checks.array("pixel", pixel, ("N", 2), np.int32, own=True))
 
@@ -126,7 +126,7 @@ class Samples:
 def check_count(count: int) -> None:
     """Raise :class:`LightdomeError` for more samples than :meth:`Samples.load` would read."""
     if count > MAX_SAMPLES:
-        raise LightdomeError(f"a file holds up to {MAX_SAMPLES} samples, not {count}; use fewer samples")
+        raise LightdomeError(f"a file must hold {MAX_SAMPLES} samples or fewer, got {count}; use fewer samples")
 
 
 # What a file must hold: kinds of its type, and shape with N for the number of samples.
@@ -146,7 +146,9 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
     """The arrays of an ``.npz`` after a look at their headers, so that no lie in them costs memory."""
     arrays: dict[str, np.ndarray] = {}
     count: int | None = None
-    if path.exists() and not path.is_file():  # a pipe would be waited for
+    with _parsing(path):
+        is_special = path.exists() and not path.is_file()
+    if is_special:  # a pipe would be waited for
         raise LightdomeError(f"cannot read {path}: it is no ordinary file")
     with _parsing(path):
         room = MAX_INFLATION * path.stat().st_size

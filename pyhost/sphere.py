@@ -53,6 +53,7 @@ def shade(
     """
     checks.instance("the device", device, Device)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
+    brute_force = checks.flag("brute_force", brute_force)
     return _shade(device, *checks.lights(direction, flux), resolution, albedo, brute_force)
 
 
@@ -197,6 +198,7 @@ def exact_kept(
     checks.instance("the device", device, Device)
     checks.instance("the map", envmap, EnvironmentMap)
     resolution = check_resolution(resolution)
+    checks.choice("pixels", pixels, PIXELS)
     key = key_of(CONVENTION, __version__, pixels, str(resolution), str(envmap.radiance.shape), envmap.radiance.data)
     shape = (resolution, resolution, 3)
     return remembered("exact", key, lambda: exact(device, envmap, resolution, pixels=pixels), shape)
@@ -225,7 +227,7 @@ def exact(
     checks.instance("the device", device, Device)
     checks.instance("the map", envmap, EnvironmentMap)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
-    checks.choice("pixels of a map", pixels, PIXELS)
+    checks.choice("pixels", pixels, PIXELS)
     height, width, values = envmap.height, envmap.width, envmap.radiance
     areas = pixels == "areas"
     if areas:  # radiance is constant over a pixel, so its parts send what it sends

@@ -279,5 +279,5 @@ def test_part_2_draws_the_same_samples_without_pictures(script: Script, tmp_path
 def test_a_map_that_is_too_large_is_refused_with_the_option_that_helps(script: Script, tmp_path: Path) -> None:
     path = sparse_pfm(tmp_path / "large.pfm", 2**14, 2**16)
     result = script("part2_sample", "--map", path, "--out", tmp_path / "out", POCL_MEMORY_LIMIT="1")
-    fails_in_one_line(result, "65536 x 16384 pixels", "--samples-only")
+    fails_in_one_line(result, "65536 x 16384 map", "--samples-only")
     assert not list((tmp_path / "out").iterdir())

@@ -248,7 +248,7 @@ def test_pixels_are_written_over_those_of_an_earlier_call(device: Device, stiff:
         assert all(a is b or a.ctypes.data == b.ctypes.data for a, b in zip(again, earlier, strict=True))
     pixel, probability = earlier
     for wrong in ((pixel[:50], probability), (pixel.astype(np.int64), probability), (pixel[::-1], probability)):
-        with pytest.raises(LightdomeError, match=r"out is not what an earlier call returned"):
+        with pytest.raises(LightdomeError, match=r"out must be (the two arrays that|what) an earlier call returned"):
             distribution.sample_pixels(100, out=wrong)
 
 
@@ -271,7 +271,7 @@ def test_maps_wider_than_16_bits_are_guided_too(device: Device, monkeypatch: pyt
 
 def test_mistakes_are_told(device: Device, stiff: EnvironmentMap) -> None:
     distribution = build_distribution(device, stiff)
-    with pytest.raises(LightdomeError, match="0 samples"):
+    with pytest.raises(LightdomeError, match="got 0"):
         distribution.sample(0)
     with pytest.raises(LightdomeError, match="seed"):
         distribution.sample(1, seed=-1)
