@@ -1,4 +1,4 @@
-"""Checks of what public functions are given: one line says what was expected and what was given.
+"""Checks of what public functions are given: one line says what was expected and what came.
 
 Each returns the value in the one form that the rest of the code knows, and raises :class:`LightdomeError`.
 """
@@ -68,8 +68,11 @@ def whole(what: str, value: object, low: int, high: int) -> int:
 
 def wholes(what: str, values: object, low: int, high: int) -> list[int]:
     """One whole number from ``low`` to ``high``, or more, in a list or any other sequence."""
-    right = not isinstance(values, str | bytes) and isinstance(values, Iterable) and np.ndim(values) == 1  # type: ignore
-    if not right:
+    try:
+        is_list = isinstance(values, Iterable) and not isinstance(values, str | bytes) and np.ndim(values) == 1  # type: ignore
+    except ValueError:  # lists of different lengths
+        is_list = False
+    if not is_list:
         raise LightdomeError(f"{what} must be a list of whole numbers from {low} to {high}, got {told(values)}")
     result = [whole(f"each of the {what}", value, low, high) for value in values]
     if not result:

@@ -198,7 +198,7 @@ def is_guided(count: int, envmap: EnvironmentMap) -> bool:
 
 def sequence_define(count: int, sequence: str) -> dict[str, int]:
     """What kernels that draw ``count`` points of a ``sequence`` are built with; refuses what there is not."""
-    checks.choice("the sequence", sequence, SEQUENCES)
+    checks.choice("sequence", sequence, SEQUENCES)
     checks.whole("the number of samples", count, 1, MAX_COUNT)
     return {f"SEQUENCE_{sequence.upper()}": 1}
 

@@ -82,8 +82,8 @@ def render(
     spp = sorted(set(checks.wholes("samples per pixel", spp, 1, 2**31 - 1)))
     checks.choice("estimator", estimator, ESTIMATORS)
     checks.choice("sequence", sequence, SEQUENCES)
-    if mis_compensation and estimator != "mis":
-        raise LightdomeError(f"MIS compensation is for the estimator 'mis', not {estimator!r}")
+    if checks.flag("mis_compensation", mis_compensation) and estimator != "mis":
+        raise LightdomeError(f"MIS compensation needs the estimator 'mis', got {estimator!r}")
     key = philox_key(seed)
     return _images(distribution, spp, resolution, albedo, key, estimator, sequence, mis_compensation)
 

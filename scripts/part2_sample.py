@@ -70,7 +70,7 @@ def main() -> None:
     if args.samples_only:
         write_samples(args, out, image, device)
     else:
-        large = f"not enough memory for {image.width} x {image.height} pixels; use --samples-only"
+        large = f"not enough memory for a {image.width} x {image.height} map; use --samples-only"
         here = device.handle
         room = here.global_mem_size / BYTES_A_PIXEL if device.shares_host_memory else here.max_mem_alloc_size / 12
         if image.width * image.height > room:

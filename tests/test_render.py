@@ -292,7 +292,7 @@ def test_other_numbers_of_samples_are_refused(distribution: Distribution, spp: l
     [
         ({"estimator": "path"}, "light, bsdf, mis, product"),
         ({"sequence": "halton"}, "independent, sobol"),
-        ({"mis_compensation": True}, "'mis', not 'light'"),
+        ({"mis_compensation": True}, "'mis', got 'light'"),
         ({"seed": -1}, "a seed must be"),
     ],
 )
