@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -104,8 +105,9 @@ def error_against_time(points: Sequence[Measurement], title: str) -> Figure:
     )
     axes.set_xlabel("run time, map to image, ms (median)")
     axes.set_ylabel("relative RMSE over the sphere, %")
-    for m in exact:
-        axes.axvline(1e3 * m.wall_seconds, color="black", linewidth=1, label=f"{m.method}, {m.wall_seconds:.2g} s")
+    for m, dashes in zip(exact, cycle(DASHES.values()), strict=False):
+        label = f"{m.method}, {m.wall_seconds:.2g} s"
+        axes.axvline(1e3 * m.wall_seconds, color="black", linewidth=1, linestyle=dashes, label=label)
     _label_decades(axes)
     # Beside the plot: inside, they would cover points.
     axes.legend(

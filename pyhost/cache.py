@@ -10,7 +10,6 @@ import atexit
 import contextlib
 import hashlib
 import os
-import pwd
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -32,8 +31,12 @@ def _base() -> Path:
     home = Path(os.environ.get("HOME", ""))
     if not home.is_absolute():
         try:
+            import pwd  # Unix only
+
             home = Path(pwd.getpwuid(os.getuid()).pw_dir)
-        except KeyError:  # a user whom nobody entered, as in a container
+        except ImportError:
+            home = Path.home()
+        except KeyError:  # a user without an entry, as in a container
             home = Path(os.devnull)
     return home / ".cache"
 
@@ -76,7 +79,8 @@ def _has_room(folder: str | Path) -> bool:
     try:
         folder = Path(folder).absolute()
         existing = next(f for f in (folder, *folder.parents) if f.exists())
-        if os.statvfs(existing).f_flag & getattr(os, "ST_NOEXEC", 0):  # PoCL loads kernels from there
+        no_programs = getattr(os, "ST_NOEXEC", 0)  # Linux only
+        if no_programs and os.statvfs(existing).f_flag & no_programs:  # PoCL loads kernels from there
             return False
         return existing.is_dir() and os.access(existing, os.W_OK) and shutil.disk_usage(existing).free >= ROOM
     except OSError:

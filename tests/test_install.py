@@ -98,6 +98,15 @@ def test_a_signal_is_kept_while_the_python_of_venv_starts(clone: Path, number: s
     assert (result.returncode, result.stderr) == (128 + number, "")
 
 
+def test_a_wrapper_in_venv_round_a_python_without_lightdome_is_started_once(clone: Path) -> None:
+    python = clone / ".venv" / "bin" / "python"
+    python.parent.mkdir(parents=True)
+    ran = clone / "ran"
+    python.write_text(f'#!/bin/sh\n[ ! -e "{ran}" ] || exit 9\n: >"{ran}"\nexec {sys.executable} "$@"\n')
+    python.chmod(0o755)
+    fails_in_one_line(run(*WITHOUT_PACKAGES, clone / "scripts" / "part2_sample.py"), "scripts/demo")
+
+
 def test_a_venv_without_lightdome_is_one_line(clone: Path) -> None:
     has_venv(clone)
     (clone / ".venv" / "bin" / "python").unlink()
