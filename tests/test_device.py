@@ -220,6 +220,21 @@ def test_both_spellings_of_a_multiply_add_give_the_same_samples_and_nearly_the_s
     assert not np.array_equal(*images)
 
 
+@pytest.mark.parametrize("fused", [0, 1])
+def test_kernels_are_built_for_the_measured_spelling(
+    device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, fused: int
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    answer = json.dumps((FAST if fused else replace(FAST, fused=1e10)).to_json())
+    monkeypatch.setattr(
+        subprocess, "run", lambda command, **_: subprocess.CompletedProcess(command, 0, answer, stderr="")
+    )
+    opened = open_device(device.description)
+    samples = build_distribution(device, EnvironmentMap(stiff_radiance(21, 43))).sample(1000)
+    expected = replace(device, programs=Programs(device.context, FUSED=fused))
+    np.testing.assert_array_equal(shade_samples(opened, samples, 33), shade_samples(expected, samples, 33))
+
+
 def test_a_slow_device_has_a_note_that_says_what_to_install(device: Device) -> None:
     assert replace(device, rates=FAST).note is None
     note = replace(device, rates=replace(FAST, fused=1e10, plain=2e10)).note
