@@ -321,4 +321,5 @@ def _open(trial: _Trial) -> Device:
     with Unheard():  # as above, for implementations that start their threads here
         context = cl.Context([handle])
         queue = cl.CommandQueue(context, properties=cl.command_queue_properties.PROFILING_ENABLE)
-    return Device(handle, context, queue, Programs(context, FUSED=int(rates.is_fused)), rates)
+    is_cpu = bool(handle.type & cl.device_type.CPU)
+    return Device(handle, context, queue, Programs(context, FUSED=int(rates.is_fused), CPU=int(is_cpu)), rates)

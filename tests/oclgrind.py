@@ -46,9 +46,9 @@ from lightdome.sphere import PIXELS, exact, shade
 SHAPES = ((7, 5), (3, 33))
 RESOLUTIONS = (1, 17)
 
-# Without these Oclgrind 21.10 takes a vstore16 into a private array for none, since its compiler optimises it away,
-# and does not load Random123, whose functions that return structures it cannot inline, nor kernels that prefetch.
-BUILD_OPTIONS = "-cl-opt-disable -DR123_FORCE_INLINE(declaration)=declaration -DPREFETCH(address)="
+# Without these Oclgrind 21.10 takes a vstore16 into a private array for none, since its compiler optimises it away, and
+# does not load Random123, whose functions that return structures it cannot inline.
+BUILD_OPTIONS = "-cl-opt-disable -DR123_FORCE_INLINE(declaration)=declaration"
 
 BROKEN = """
 kernel void broken(global int *a)

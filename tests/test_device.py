@@ -22,6 +22,7 @@ from lightdome.envmap import EnvironmentMap
 from lightdome.errors import LightdomeError
 from lightdome.programs import Programs, source
 from lightdome.rates import Rates
+from lightdome.render import ESTIMATORS, render
 from lightdome.sphere import shade_samples
 
 
@@ -233,6 +234,18 @@ def test_kernels_are_built_for_the_measured_spelling(
     samples = build_distribution(device, EnvironmentMap(stiff_radiance(21, 43))).sample(1000)
     expected = replace(device, programs=Programs(device.context, FUSED=fused))
     np.testing.assert_array_equal(shade_samples(opened, samples, 33), shade_samples(expected, samples, 33))
+
+
+def test_kernels_ask_only_a_cpu_for_functions_that_are_not_in_opencl(device: Device) -> None:
+    """Some GPUs' compilers list Clang's functions, and refuse them for global memory."""
+    absent = {"__builtin_prefetch": "not_here", "__builtin_nontemporal_store": "not_here"}
+    other = replace(device, programs=Programs(device.context, FUSED=1, **absent))
+    distribution = build_distribution(other, EnvironmentMap(stiff_radiance(21, 43)))
+    distribution.sample(1000)
+    for estimator in ESTIMATORS:
+        list(render(distribution, [2], 17, estimator=estimator))
+    with pytest.raises(LightdomeError, match="refuses"):
+        Programs(device.context, FUSED=1, CPU=1, **absent).kernel("row_cdf")
 
 
 def test_a_slow_device_has_a_note_that_says_what_to_install(device: Device) -> None:
