@@ -49,7 +49,8 @@ def empty(device: Device, shape: int | tuple[int, ...], dtype: type, out: np.nda
     kind = np.dtype(dtype)
     size = math.prod(shape) * kind.itemsize
     check_room(device, size)
-    if out is not None and not (out.shape == shape and out.dtype == kind and out.flags.carray and _is_aligned(out)):
+    fits = out is None or (out.shape == shape and out.dtype == kind and out.flags.carray)
+    if not fits or (device.shares_host_memory and out is not None and not _is_aligned(out)):
         raise LightdomeError(
             f"out must be what an earlier call returned: expected shape {shape} {kind}, got {out.shape} {out.dtype}"
         )

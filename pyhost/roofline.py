@@ -133,7 +133,8 @@ def measure_limits(device: Device) -> Limits:
 def copy(device: Device, size: int) -> tuple[np.ndarray, float]:
     """Copy ``size`` bytes, a multiple of COPY_UNIT: what arrived, float32, and the median seconds."""
     start, target = _copies(device, size)
-    return buffers.download(device, target), _median(start)
+    seconds = _median(start)
+    return buffers.download(device, target), seconds
 
 
 def _copies(device: Device, size: int) -> tuple[Callable[[], cl.Event], DeviceArray]:
