@@ -58,6 +58,7 @@ if TYPE_CHECKING:
         names,
         oiio_files,
         pbrt,
+        pbrt_check,
         peer_mitsuba,
         peer_mitsuba_distribution,
         peer_numpy,

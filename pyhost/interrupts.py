@@ -1,4 +1,4 @@
-"""Ends a script on Ctrl-C (SIGINT) or SIGTERM at any moment, with exit status 130 or 143.
+"""Ends a script on Ctrl-C (SIGINT), SIGTERM or a closed terminal (SIGHUP) at any moment: exit status 130, 143 or 129.
 
 Python would raise an exception, and three things speak against that: during a long call into a library nothing is
 raised until it returns; a C++ library that calls Python, as some do while they load, aborts when an exception comes
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from types import FrameType
 
 GRACE = 0.5  # seconds
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 
 def _end(number: int, clear_up: Callable[[], None] | None) -> None:

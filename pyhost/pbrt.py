@@ -1,4 +1,4 @@
-"""The diffuse sphere drawn by PBRT, version 3 or 4: write the scenes, find the program, run it, read its image.
+"""The diffuse sphere drawn by PBRT, version 3 or 4, or a port of it: write scenes, find the program, run it.
 
 The scene is ours exactly. Its camera looks along -z with +x to the right and +y up, the surface is lit
 directly and nothing else, and PBRT takes all samples of a pixel at its centre, where we take the
@@ -14,6 +14,13 @@ film turns it back. White comes back exactly; the weak channels of a strong colo
 The sampler is PBRT-v4's best, zsobol, for powers of two and Halton for other numbers of samples; in
 PBRT-v3 only Halton can keep to the centres of pixels.
 
+``pbrt-r4`` and ``pbrt-r3`` are ports in Rust that take the same scenes. The second has no seed either, and its images
+differ from run to run unless it has one thread.
+
+A program that ends well may still have drawn something else: PBRT-v3 renders white light where it cannot read its
+map. So what it prints counts too: an error fails the run, and warnings are logged (:mod:`logging`, ``lightdome.pbrt``).
+:mod:`lightdome.pbrt_check` compares the image with the one that the map calls for.
+
 Source: the file formats at https://pbrt.org/fileformat-v3 and https://pbrt.org/fileformat-v4.
 """
 
@@ -21,12 +28,12 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import logging
 import os
 import re
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -38,6 +45,7 @@ from typing import BinaryIO
 import numpy as np
 
 from . import checks
+from .cache import cache_folder
 from .decisions import Decision
 from .disc import check_resolution, disc_mask
 from .envmap import EnvironmentMap
@@ -49,9 +57,19 @@ from .progress import Progress
 
 VERSIONS = (3, 4)
 MAPS = {3: "map_v3_latlong.pfm", 4: "map_v4_equalarea.exr"}
-# Version 3 keeps 16 bits of an .exr's pixels, both ways, but all of a .pfm's.
+# Version 3 keeps 16 bits of an .exr's pixels, both ways, but all of a .pfm's. Its port writes no .pfm.
 IMAGE_SUFFIX = {3: ".pfm", 4: ".exr"}
+PORTS = {"pbrt-r4": 4, "pbrt-r3": 3}
+NAMES = ("pbrt", *PORTS)  # in the order in which they are looked for
 ELSE = "or render with --renderer opencl"
+GET = "scripts/get_pbrt.py"
+
+# A render is given up when it stands still. One that draws PBRT's bar does so once the bar has not moved for STILL
+# seconds, and ten times its longest step so far; one without a bar, after STILL and some ten times what it should need.
+STILL = 60.0
+SECONDS_A_SAMPLE = 3e-5  # pbrt-r4 takes 3e-6 on one core
+
+_log = logging.getLogger(__name__)
 
 TEMPLATE = {
     3: """\
@@ -103,63 +121,113 @@ Shape "sphere" "float radius" [1]
 
 @dataclass(frozen=True)
 class Pbrt:
-    """A PBRT program that starts: its file, and its version, 3 or 4."""
+    """A PBRT program that starts: its file, the version of its scenes, 3 or 4, and a port's own name and version."""
 
     path: Path
     version: int
+    port: str | None = None
+
+    @property
+    def name(self) -> str:
+        """What it is: ``PBRT-v4``, or ``pbrt-r4 4.5.2``."""
+        return self.port or f"PBRT-v{self.version}"
+
+    @property
+    def has_seed(self) -> bool:
+        """Whether another seed gives other samples."""
+        return self.version > 3
+
+    @property
+    def image_suffix(self) -> str:
+        """The format in which its image loses nothing."""
+        return ".exr" if self.port else IMAGE_SUFFIX[self.version]
 
     def __str__(self) -> str:
-        return f"PBRT-v{self.version} ({self.path})"
+        return f"{self.name} ({self.path})"
+
+
+def installed_port() -> Path:
+    """Where scripts/get_pbrt.py installs ``pbrt-r4``; it may not be there."""
+    return cache_folder("pbrt") / "bin" / "pbrt-r4"
 
 
 def find_pbrt(path: str | Path | None = None, timeout: float = 20.0) -> Pbrt:
-    """The program ``pbrt`` at ``path``, a file or the folder that holds it; on PATH if that is None.
+    """The program at ``path``, a file or the folder that holds it; None looks on PATH, then for what was installed.
 
-    Asks the program for its version, for at most ``timeout`` seconds. Raises :class:`LightdomeError` where there
-    is none, it does not start, or is neither version 3 nor 4.
+    That is ``pbrt``, ``pbrt-r4`` or ``pbrt-r3``. Asks the program for its version, for at most ``timeout`` seconds.
+    Raises :class:`LightdomeError` where there is none, it does not start, or is neither version 3 nor 4.
     """
     checks.positive("the timeout", timeout)
     program = _locate(None if path is None else checks.path(path))
-    # An empty scene makes every version print its banner; options that do so are not common to both.
-    try:
-        code, text = _run([str(program)], timeout=timeout)
-    except TimeoutError:
-        raise LightdomeError(
-            f"{program} did not say its version within {timeout:g} s; give another with --pbrt, {ELSE}"
-        ) from None
-    found = re.search(r"^\s*pbrt version (\d+)", text, re.MULTILINE | re.IGNORECASE)
-    if not found:
-        state = f"it {_ending(code)}; " if code < 0 else ""
-        raise LightdomeError(
-            f"{program} does not answer as PBRT does ({state}it said: {_gist(text)}); give another with --pbrt, {ELSE}"
-        )
-    version = int(found[1])
-    if version not in VERSIONS:
-        raise LightdomeError(
-            f"{program} is PBRT version {version}, but the scenes are for 3 and 4; give another with --pbrt, {ELSE}"
-        )
-    return Pbrt(program, version)
+    # An empty scene makes PBRT print its banner; options that do so are not common to its versions. The ports print
+    # how they are used, and have such an option.
+    said = []
+    for options in ([], ["--version"]):
+        try:
+            code, text = _run([str(program), *options], timeout)
+        except TimeoutError:
+            raise LightdomeError(
+                f"{program} did not say its version within {timeout:g} s; give another with --pbrt, {ELSE}"
+            ) from None
+        said.append((code, text))
+        if re.search(r"\brs_pbrt\b", text):
+            raise LightdomeError(
+                f"{program} is rs_pbrt, which writes pictures of 8 bits only; {GET} installs a port that writes radiance"
+            )
+        if port := re.search(r"^(pbrt-r[34]) (?:version )?(\d[\w.]*)", text, re.MULTILINE):
+            return Pbrt(program, PORTS[port[1]], f"{port[1]} {port[2]}")
+        if found := re.search(r"^\s*pbrt version (\d+)", text, re.MULTILINE | re.IGNORECASE):
+            version = int(found[1])
+            if version not in VERSIONS:
+                raise LightdomeError(
+                    f"{program} is PBRT version {version}, but the scenes are for 3 and 4;"
+                    f" give another with --pbrt, {ELSE}"
+                )
+            return Pbrt(program, version)
+    code, text = said[0]
+    state = f"it {_ending(code)}; " if code < 0 else ""
+    raise LightdomeError(
+        f"{program} does not answer as PBRT does ({state}it said: {_gist(text)}); give another with --pbrt, {ELSE}"
+    )
 
 
 def _locate(path: Path | None) -> Path:
     if path is None:
-        found = shutil.which("pbrt")
-        if found is None:
-            raise LightdomeError(
-                f"no pbrt on PATH; build PBRT-v4 (https://github.com/mmp/pbrt-v4), say where it is with --pbrt, {ELSE}"
-            )
-        return Path(found).absolute()
+        if found := _first_program(os.environ.get("PATH", os.defpath)):
+            return found
+        port = installed_port()
+        if os.access(port, os.X_OK):
+            return port
+        raise LightdomeError(
+            f"no pbrt on PATH; {GET} installs a port of PBRT-v4, --pbrt says where another one is, {ELSE}"
+        )
     path = path.expanduser()
     if path.is_dir():
-        found = shutil.which("pbrt", path=str(path.absolute()))
+        found = _first_program(str(path.absolute()))
         if found is None:
-            raise LightdomeError(f"no program pbrt in the folder {path}; give the program itself with --pbrt")
-        return Path(found).absolute()
+            raise LightdomeError(f"no program {', '.join(NAMES)} in the folder {path}; give the program with --pbrt")
+        return found
     if not path.exists():
         raise LightdomeError(f"there is no {path}; give the pbrt program or its folder with --pbrt")
     if not os.access(path, os.X_OK):
-        raise LightdomeError(f"{path} is not a program; make it executable or give another with --pbrt")
+        raise _not_executable(path)
     return path.absolute()
+
+
+def _first_program(folders: str) -> Path | None:
+    """The first of NAMES in ``folders``, which are separated as on PATH; raises if one is there, but not executable."""
+    for name in NAMES:
+        if found := shutil.which(name, path=folders):
+            return Path(found).absolute()
+    for folder in filter(None, folders.split(os.pathsep)):
+        for name in NAMES:
+            if (file := Path(folder, name)).is_file():
+                raise _not_executable(file)
+    return None
+
+
+def _not_executable(path: Path) -> LightdomeError:
+    return LightdomeError(f"{path} is not executable; run chmod +x on it or give another with --pbrt, {ELSE}")
 
 
 @dataclass(frozen=True)
@@ -208,7 +276,9 @@ def decisions(pbrt: Pbrt, scene: Scene) -> list[Decision]:
     """What was used for the image of ``scene``, and what was left out, with the reasons."""
     result = [Decision("OpenCL kernels", False, f"{pbrt} rendered")]
     if scene.version == 3:
-        result.append(Decision("the sampler halton", True, "PBRT-v3 has no other that keeps to the centres of pixels"))
+        result.append(
+            Decision("the sampler halton", True, f"{pbrt.name} has no other that keeps to the centres of pixels")
+        )
     elif _sampler(scene.spp) == "zsobol":
         result.append(Decision("the sampler zsobol", True, f"{scene.spp} is a power of two"))
     else:
@@ -269,36 +339,44 @@ def render(pbrt: Pbrt, scenes: Iterable[Scene], timeout: float | None = None) ->
     return ((scene.spp, render_scene(pbrt, scene, timeout)) for scene in own)
 
 
-def render_scene(pbrt: Pbrt, scene: Scene, timeout: float | None = None) -> np.ndarray:
+def render_scene(pbrt: Pbrt, scene: Scene, timeout: float | None = None, quiet: bool = False) -> np.ndarray:
     """Run ``pbrt`` on one scene: the image is (R, R, 3) float32, radiance, 0 outside the disc.
 
-    ``timeout`` is in seconds; by default some hundred times what the image should need. Raises
-    :class:`LightdomeError` where PBRT does not start, fails, takes longer, or leaves no good image.
+    ``timeout`` is in seconds; by default a program is given up when it stands still. ``quiet`` saves up to a second
+    that PBRT waits for its progress bar, and hides warnings. Raises :class:`LightdomeError` where PBRT does not start,
+    fails, reports an error, takes longer or stands still, or leaves no good image.
     """
     checks.instance("the program", pbrt, Pbrt)
     checks.instance("the scene", scene, Scene)
     size = scene.resolution
-    if timeout is None:
-        timeout = 300 + 1e-4 * scene.spp * size**2
-    checks.positive("the timeout", timeout)
+    if timeout is not None:
+        checks.positive("the timeout", timeout)
     by_hand = f"try the scene {scene.path} by hand, {ELSE}"
     with tempfile.TemporaryDirectory(prefix="lightdome-", ignore_cleanup_errors=True) as folder:
-        target = Path(folder) / f"image{IMAGE_SUFFIX[pbrt.version]}"
-        # Without --quiet PBRT waits for its progress thread at the end, up to a second.
-        quiet = [] if sys.stderr.isatty() else ["--quiet"]
-        command = [str(pbrt.path), *quiet, "--outfile", str(target), str(scene.path.absolute())]
+        target = Path(folder) / f"image{pbrt.image_suffix}"
+        options = ["--quiet"] if quiet else []
+        command = [str(pbrt.path), *options, "--outfile", str(target), str(scene.path.absolute())]
+        watch = _Watch(scene.spp * size**2)
         try:
-            with Progress(f"PBRT-v{pbrt.version}, {scene.spp} spp") as progress:
-                code, text = _run(command, timeout, progress)
+            with Progress(f"{pbrt.name}, {scene.spp} spp") as progress:
+                code, text = _run(command, timeout, watch, progress)
         except TimeoutError:
-            raise LightdomeError(
-                f"{pbrt} was stopped: {scene.spp} spp took more than {timeout:.0f} s; try fewer, {ELSE}"
-            ) from None
+            how = f"took more than {timeout:g} s" if timeout else f"stood still for {watch.still():.0f} s"
+            raise LightdomeError(f"{pbrt} was stopped: {scene.spp} spp {how}; {by_hand}") from None
         if code != 0:
             raise LightdomeError(f"{pbrt} {_ending(code)}; it said: {_gist(text)}; {by_hand}")
+        lines = _lines(text)
+        if error := next((line for line in lines if _ERROR.search(line)), None):
+            raise LightdomeError(f"{pbrt} ended well, but reported an error: {_short(error)}; {by_hand}")
+        for warning in dict.fromkeys(line for line in lines if _WARNING.search(line)):
+            _log.warning("note: %s says: %s", pbrt.name, _short(warning))
         if not target.exists():
             raise LightdomeError(f"{pbrt} ended well but wrote no image; it said: {_gist(text)}; {by_hand}")
-        image = read_image(target)
+        try:
+            image = read_image(target)
+        except LightdomeError as error:
+            reason = str(error).partition(";")[0].replace(str(target), "it")
+            raise LightdomeError(f"{pbrt} wrote an image that cannot be read ({reason}); {by_hand}") from error
     if image.shape != (size, size, 3):
         raise LightdomeError(
             f"{pbrt} wrote {image.shape[1]} x {image.shape[0]} pixels instead of {size} x {size}; {by_hand}"
@@ -312,10 +390,36 @@ def render_scene(pbrt: Pbrt, scene: Scene, timeout: float | None = None) -> np.n
     return image
 
 
-def _run(command: list[str], timeout: float, progress: Progress | None = None) -> tuple[int, str]:
+class _Watch:
+    """Tells whether a render of ``samples`` stands still, from how far its bar is."""
+
+    def __init__(self, samples: int) -> None:
+        self._allowed = STILL + SECONDS_A_SAMPLE * samples
+        self._fraction: float | None = None
+        self._moved = time.monotonic()
+        self._longest_step = 0.0
+
+    def update(self, fraction: float | None) -> bool:
+        """Note that the bar stands at ``fraction``, None where there is no bar; whether it is time to give up."""
+        now = time.monotonic()
+        if fraction is not None and fraction != self._fraction:
+            self._longest_step = max(self._longest_step, now - self._moved)
+            self._allowed = STILL + 10 * self._longest_step
+            self._fraction, self._moved = fraction, now
+        return now - self._moved > self._allowed
+
+    def still(self) -> float:
+        """Seconds since the bar moved."""
+        return time.monotonic() - self._moved
+
+
+def _run(
+    command: list[str], timeout: float | None, watch: _Watch | None = None, progress: Progress | None = None
+) -> tuple[int, str]:
     """Run ``command`` without a shell: its exit status and the end of what it printed, colours removed.
 
-    Raises ``TimeoutError``; the program and its children are gone whenever this returns or raises.
+    Raises ``TimeoutError`` after ``timeout`` seconds, or without one when ``watch`` says so; the program and its
+    children are gone whenever this returns or raises.
     """
     with tempfile.TemporaryDirectory(prefix="lightdome-", ignore_cleanup_errors=True) as folder:
         try:
@@ -336,18 +440,20 @@ def _run(command: list[str], timeout: float, progress: Progress | None = None) -
         output = bytearray()
         reader = threading.Thread(target=_collect, args=(process.stdout, output), daemon=True)
         reader.start()
-        deadline = time.monotonic() + timeout
+        deadline = None if timeout is None else time.monotonic() + timeout
         atexit.register(_kill, process)
         try:
             while True:
+                left = 0.1 if deadline is None else min(0.1, max(0.0, deadline - time.monotonic()))
                 try:
-                    process.wait(min(0.1, max(0.0, deadline - time.monotonic())))
+                    process.wait(left)
                     break
                 except subprocess.TimeoutExpired:
-                    if time.monotonic() >= deadline:
+                    fraction = _fraction_done(output)
+                    if left == 0 or (deadline is None and watch is not None and watch.update(fraction)):
                         raise TimeoutError from None
                     if progress is not None:
-                        progress.update(_fraction_done(output))
+                        progress.update(fraction or 0.0)
         finally:
             _kill(process)
             atexit.unregister(_kill)
@@ -366,11 +472,10 @@ def _collect(stream: BinaryIO, output: bytearray) -> None:
                 del output[2**14 : -(2**14)]
 
 
-def _fraction_done(output: bytearray) -> float:
-    """How far PBRT says to be: it redraws ``Rendering: [+++   ]``."""
-    bars = re.findall(rb"\[(\+*)( *)\]", output[-4096:])
-    done, left = bars[-1] if bars else (b"", b"")
-    return len(done) / (len(done) + len(left)) if done or left else 0.0
+def _fraction_done(output: bytearray) -> float | None:
+    """How far PBRT says to be: it redraws ``Rendering: [+++   ]``. None without such a bar, as from the ports."""
+    bars = [bar for bar in re.findall(rb"\[(\+*)( *)\]", output[-4096:]) if bar != (b"", b"")]
+    return len(bars[-1][0]) / sum(map(len, bars[-1])) if bars else None
 
 
 def _kill(process: subprocess.Popen) -> None:
@@ -394,9 +499,27 @@ def _ending(code: int) -> str:
         return f"crashed (signal {-code})"
 
 
+# PBRT-v3 and -v4 print `Error: ...`, after the place in the scene or before it; the ports a time and `ERROR] ...`.
+_ERROR = re.compile(r"(?:^|[\s:])(?:Error:|Fatal:|ERROR\]|FATAL\])")
+_WARNING = re.compile(r"(?:^|[\s:])(?:Warning:|WARN ?\])")
+_BANNER = re.compile(
+    r"pbrt\S* version|copyright|this is an unofficial|the (?:source code|license)|see the file|-+$|\*+|\w+: \[\+* *\]",
+    re.IGNORECASE,
+)
+
+
+def _lines(text: str) -> list[str]:
+    """What a program printed, without its banner and its progress bar."""
+    lines = (line.strip() for line in re.split(r"[\r\n]+", text))
+    return [line for line in lines if line and not _BANNER.match(line)]
+
+
 def _gist(text: str) -> str:
     """The line of a program's output that most likely says what went wrong."""
-    lines = [line.strip() for line in re.split(r"[\r\n]+", text) if line.strip()]
+    lines = _lines(text)
     errors = [line for line in lines if re.search(r"\b(error|fatal|check failed)\b", line, re.IGNORECASE)]
-    best = (errors or lines[-1:] or ["nothing"])[0]
-    return best if len(best) <= 300 else best[:300] + "…"
+    return _short((errors or lines[-1:] or ["nothing"])[0])
+
+
+def _short(line: str) -> str:
+    return line if len(line) <= 300 else line[:300] + "…"

@@ -31,8 +31,8 @@ STARTS = 3
 class PbrtPeer:
     """A PBRT program and a folder with the map, which is removed with the object.
 
-    ``PbrtPeer(path, envmap)`` takes the program at ``path``, or on PATH if that is None. Raises
-    :class:`LightdomeError` where it does not start, or is neither version 3 nor 4.
+    ``PbrtPeer(path, envmap)`` takes the program that :func:`lightdome.pbrt.find_pbrt` finds for ``path``, and raises
+    the same errors.
     """
 
     def __init__(self, path: str | Path | None, envmap: EnvironmentMap) -> None:
@@ -45,7 +45,7 @@ class PbrtPeer:
         self._scene_seconds = max(_median(lambda: self._process(1, 1, 0)) - self.startup_seconds, 0.0)
 
     def render(self, resolution: int, spp: int, seed: int) -> tuple[np.ndarray, dict[str, float]]:
-        """The image (R, R, 3) float32 and the seconds of its stages, start-up subtracted; PBRT-v3 has no seed.
+        """The image (R, R, 3) float32 and the seconds of its stages, start-up subtracted; version 3 has no seed.
 
         Raises :class:`LightdomeError` where PBRT fails.
         """
@@ -61,7 +61,7 @@ class PbrtPeer:
         text = scene_text(version, spp, resolution, seed=seed, exponent=self._exponent)
         with replacing(scene.path) as temporary:
             temporary.write_text(text, encoding="ascii")
-        return render_scene(self.program, scene)
+        return render_scene(self.program, scene, quiet=True)
 
 
 def _median(run: Callable[[], object]) -> float:

@@ -108,13 +108,14 @@ def _find_pbrt(peers: Peers, envmap: EnvironmentMap, resolution: int, path: str 
     except LightdomeError as error:
         peers.absent["pbrt" if path is None else f"pbrt {path}"] = str(error)
         return
-    name = f"pbrt-v{pbrt.program.version}"
+    name = pbrt.program.name.lower().split()[0]
     if name in peers.methods:
         name = f"{name} {shown(pbrt.program.path)}"
-    # Version 3 has no seed: a second run is the first once more.
-    peers.methods[name] = _method(name, "per pixel", pbrt.render, resolution, random=pbrt.program.version > 3)
+    # Without a seed a second run is the first once more.
+    peers.methods[name] = _method(name, "per pixel", pbrt.render, resolution, random=pbrt.program.has_seed)
     peers.about[name] = {
         "program": str(pbrt.program.path),
+        "name": pbrt.program.name,
         "start-up seconds": pbrt.startup_seconds,
         "time": "process and reading of its image, less start-up (the process on an empty scene): scene, where PBRT"
         " reads the map from a file and builds its distribution, and render, where it renders and writes the image",

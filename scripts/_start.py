@@ -1,4 +1,4 @@
-"""Every script imports this first: Ctrl-C and SIGTERM then end it at once, and it finds the Python of .venv.
+"""Every script imports this first: Ctrl-C, SIGTERM and SIGHUP then end it at once, and it finds the Python of .venv.
 
 If the Python that runs a script has no lightdome, the script starts again with that of .venv, where scripts/demo
 installs it. This file, and the syntax of the scripts, stay within Python 3.6: one that is too old for lightdome must
@@ -12,7 +12,7 @@ import sys
 # Otherwise a test has imported it.
 IS_SCRIPT = os.path.dirname(os.path.realpath(sys.argv[0])) == os.path.dirname(os.path.realpath(__file__))  # noqa: PTH120
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 if IS_SCRIPT:
     for _number in SIGNALS:

@@ -43,9 +43,15 @@ def parse_arguments() -> argparse.Namespace:
         default="auto",
         help="auto: pbrt if there is one, else opencl",
     )
-    parser.add_argument("--pbrt", type=Path, metavar="PATH", help="the program pbrt or its folder (default: from PATH)")
     parser.add_argument(
-        "--seed", type=cli.seed, default=0, help="seed of the samples, a whole number; PBRT-v3 has none"
+        "--pbrt",
+        type=Path,
+        metavar="PATH",
+        help="the program pbrt, pbrt-r4 or pbrt-r3, or its folder (default: from PATH, else what scripts/get_pbrt.py"
+        " installed)",
+    )
+    parser.add_argument(
+        "--seed", type=cli.seed, default=0, help="seed of the samples, a whole number; PBRT-v3 and pbrt-r3 have none"
     )
     cli.sphere_options(parser)
     cli.tone_options(parser)
@@ -82,6 +88,7 @@ def main() -> None:
 
     from lightdome import pbrt, settings
     from lightdome.images import auto_exposure, tone_map, write_image
+    from lightdome.pbrt_check import deviation
 
     print(f"map: {args.map}, {envmap.width} x {envmap.height}")
     program, reason, scenes = None, "", []
@@ -102,8 +109,8 @@ def main() -> None:
                 raise
             reason = f", because: {str(error).partition(';')[0]}"
     print(f"renderer: {program or 'opencl'}{reason}")
-    if program and program.version == 3 and args.seed:
-        print("note: PBRT-v3 has no seed; --seed does nothing")
+    if program and not program.has_seed and args.seed:
+        print(f"note: {program.name} has no seed; --seed does nothing")
 
     device = None
     if program:
@@ -115,6 +122,11 @@ def main() -> None:
     for spp, image in images:
         write_image(out / f"sphere_{spp}spp.pfm", image)
         done[spp] = image
+        where = deviation(image, envmap, args.albedo) if program else None
+        if where:
+            print(
+                f"note: {program.name}'s image of {spp} spp is not the sphere under this map: {where}", file=sys.stderr
+            )
     # The image of most samples knows best how bright the sphere is, and one exposure serves all.
     exposure = args.exposure or auto_exposure(done[max(done)])
     for spp, image in done.items():
@@ -127,7 +139,7 @@ def main() -> None:
             if scene.version == program.version:
                 cli.explain(args, f"{scene.spp} spp", pbrt.decisions(program, scene))
     names = [f"sphere_{spp}spp.{suffix}" for spp in done for suffix in ("pfm", "ppm", "png")]
-    made_with = settings.settings(device, envmap, vars(args)) | {"pbrt": program and f"PBRT-v{program.version}"}
+    made_with = settings.settings(device, envmap, vars(args)) | {"pbrt": program and program.name}
     settings.write(out, made_with, names)
     print(cli.tone(args, exposure))
 

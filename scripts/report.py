@@ -75,7 +75,9 @@ def main() -> None:
         "out/report",
     )
     cli.map_options(parser)
-    parser.add_argument("--pbrt", type=Path, metavar="PATH", help="the program pbrt or its folder (default: from PATH)")
+    parser.add_argument(
+        "--pbrt", type=Path, metavar="PATH", help="the program pbrt or its folder (default: as in part 4)"
+    )
     parser.add_argument("--quick", action="store_true", help="smaller images, fewer counts and cases: some minutes")
     cli.device_option(parser)
     make(parser.parse_args())

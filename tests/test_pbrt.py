@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import math
 import os
-import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import LONG, PYTHON_PROGRAM
+from conftest import LONG, PYTHON_PROGRAM, ROOT, fails_in_one_line
 from lightdome.disc import disc_mask
 from lightdome.envmap import EnvironmentMap
 from lightdome.equiarea import equal_area_side, to_equal_area
 from lightdome.errors import LightdomeError
 from lightdome.images import read_image, write_image
-from lightdome.pbrt import Pbrt, Scene, find_pbrt, render, render_scene, scene_text, write_scenes
+from lightdome.pbrt import Pbrt, Scene, find_pbrt, installed_port, render, render_scene, scene_text, write_scenes
+from lightdome.pbrt_check import deviation
+from lightdome.sphere import exact as exact_image
 
 posix = pytest.mark.skipif(os.name != "posix", reason="the stand-ins for pbrt are executable scripts")
 
@@ -166,8 +168,9 @@ def test_scenes_name_maps_beside_them_and_undo_their_scale(tmp_path, peak):
     np.testing.assert_allclose(square.mean(axis=(0, 1)), mean, rtol=1e-6)
 
 
-BANNER = "pbrt version 4 (built today)\nCopyright (c)"
-ANSWER = f"import sys\nif len(sys.argv) == 1:\n    print({BANNER!r})\n    sys.exit(1)\n"
+BANNER = "pbrt version 4 (built today)\nCopyright (c)\nSee the file LICENSE.txt"
+PORT = "import sys; print('pbrt-r4 4.5.2' if sys.argv[1:] == ['--version'] else 'Usage: pbrt-r4 [OPTIONS]')\n"
+ANSWER = f"import sys\nprint({BANNER!r}, flush=True)\nif len(sys.argv) == 1:\n    sys.exit(1)\n"
 
 
 def stand_in(folder: Path, body: str, name: str = "pbrt") -> Path:
@@ -193,10 +196,18 @@ def test_a_program_is_found_by_its_file_or_folder(tmp_path, folder):
 
 
 @posix
-def test_a_program_is_found_on_path(tmp_path, monkeypatch):
+def test_a_program_is_found_on_path_else_where_it_was_installed(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(LightdomeError, match="no pbrt on PATH"):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    with pytest.raises(LightdomeError, match=r"no pbrt on PATH; scripts/get_pbrt.py installs"):
         find_pbrt()
+    installed_port().parent.mkdir(parents=True)
+    port = stand_in(installed_port().parent, PORT, "pbrt-r4")
+    assert find_pbrt() == Pbrt(port, 4, "pbrt-r4 4.5.2")
+    other = stand_in(tmp_path, PORT.replace("r4 4.5.2", "r3 3.2.0"), "pbrt-r3")
+    assert find_pbrt() == Pbrt(other, 3, "pbrt-r3 3.2.0")
+    assert not find_pbrt().has_seed
+    assert find_pbrt().image_suffix == ".exr"
     assert find_pbrt(stand_in(tmp_path, "print('pbrt version 3 (built today) [Detected 2 cores]')")).version == 3
     assert find_pbrt().path == tmp_path / "pbrt"
 
@@ -206,6 +217,7 @@ def test_a_program_is_found_on_path(tmp_path, monkeypatch):
     ("body", "message"),
     [
         ("print('pbrt version 2.0.0 of today')", "PBRT version 2"),
+        ("sys.exit('error: --path is missing\\nUsage: rs_pbrt --path <PATH>')", "is rs_pbrt, .* 8 bits .*get_pbrt"),
         ("print('usage: something else')", "usage: something else"),
         ("", "it said: nothing"),
         ("import os; os.abort()", "SIGABRT"),
@@ -214,7 +226,7 @@ def test_a_program_is_found_on_path(tmp_path, monkeypatch):
 )
 def test_a_program_that_is_no_known_pbrt_is_refused(tmp_path, body, message):
     with pytest.raises(LightdomeError, match=message):
-        find_pbrt(stand_in(tmp_path, body), timeout=0.5 if "sleep" in body else LONG)
+        find_pbrt(stand_in(tmp_path, "import sys\n" + body), timeout=0.5 if "sleep" in body else LONG)
 
 
 @posix
@@ -225,7 +237,7 @@ def test_a_path_without_a_program_is_refused(tmp_path):
         find_pbrt(tmp_path)
     plain = tmp_path / "plain"
     plain.write_bytes(b"\x7fELF")
-    with pytest.raises(LightdomeError, match="not a program"):
+    with pytest.raises(LightdomeError, match=f"{plain} is not executable; run chmod"):
         find_pbrt(plain)
     plain.chmod(0o755)
     with pytest.raises(LightdomeError, match="cannot start"):
@@ -237,10 +249,13 @@ def test_a_path_without_a_program_is_refused(tmp_path):
     ("body", "message"),
     [
         ("print('\\x1b[1m\\x1b[31mError\\x1b[0m: a.pbrt:1:0: no such light'); sys.exit(1)", "said: Error: a.pbrt:1:0"),
-        ("sys.stderr.write('Error: cannot open map'); sys.exit(0)", "wrote no image.*cannot open map"),
-        ("import os; os.kill(os.getpid(), 11)", "SIGSEGV"),
-        ("open(sys.argv[sys.argv.index('--outfile') + 1], 'w').write('PF'); sys.exit(0)", "image"),
-        ("import time; print('Rendering: [++  ]', flush=True); time.sleep(60)", "more than 0 s"),
+        ("print('done')", "wrote no image; it said: done"),
+        ("print('Rendering: [+++ ]\\r'); import os; os.kill(os.getpid(), 11)", "SIGSEGV.*said: nothing; try the scene"),
+        (
+            "open(sys.argv[sys.argv.index('--outfile') + 1], 'w').write('PF'); sys.exit(0)",
+            r"^PBRT-v4 \(.*pbrt\) wrote an image that cannot be read \((?!.*/image.exr).*try the scene",
+        ),
+        ("import time; print('Rendering: [++  ]', flush=True); time.sleep(60)", "more than 0.4 s"),
     ],
 )
 def test_a_run_that_fails_says_how_in_one_line(tmp_path, scene, body, message):
@@ -307,7 +322,7 @@ def test_part_4_leaves_the_scenes_where_pbrt_is_missing(tmp_path, script):
     write_image(tmp_path / "map.exr", np.ones((4, 8, 3), np.float32))
     out = tmp_path / "out"
     arguments = ["--map", tmp_path / "map.exr", "--resolution", 9, "--spp", 4, "--out", out]
-    result = script("part4_pbrt", *arguments, "--renderer", "pbrt", PATH=str(tmp_path))
+    result = script("part4_pbrt", *arguments, "--renderer", "pbrt", PATH=str(tmp_path), XDG_CACHE_HOME=str(tmp_path))
     assert result.returncode == 1
     assert result.stderr.startswith("part4_pbrt: no pbrt on PATH")
     assert result.stderr.count("\n") == 1
@@ -361,20 +376,163 @@ def exact(radiance: np.ndarray, resolution: int) -> np.ndarray:
     return np.where((nx**2 + ny**2 < 1)[..., None], image, 0)
 
 
-@pytest.mark.skipif(
-    not (os.environ.get("LIGHTDOME_PBRT") or shutil.which("pbrt")),
-    reason="no pbrt on PATH, nor named by the environment variable LIGHTDOME_PBRT",
-)
-def test_the_real_pbrt_draws_our_image_the_right_way_up(tmp_path):
-    program = find_pbrt(os.environ.get("LIGHTDOME_PBRT"))
+@pytest.fixture(scope="module")
+def program() -> Pbrt:
+    """A real PBRT: that of the environment variable LIGHTDOME_PBRT, else what part 4 finds."""
+    try:
+        return find_pbrt(os.environ.get("LIGHTDOME_PBRT"))
+    except LightdomeError as error:
+        if "LIGHTDOME_PBRT" in os.environ:
+            raise
+        pytest.skip(str(error))
+
+
+@pytest.mark.peer
+def test_the_real_pbrt_draws_our_image_the_right_way_up(tmp_path, program):
     radiance = np.full((32, 64, 3), 0.2, np.float32)
     radiance[5:9, 10:14] = (40, 10, 4)  # above, to the right, before the sphere
     radiance[20:22, 24:26] = (1, 8, 30)  # below, to the left
     scenes = write_scenes(tmp_path, EnvironmentMap(radiance), [256], 31, versions=[program.version])
     [(_, image)] = render(program, scenes, timeout=LONG)
+    assert deviation(image, EnvironmentMap(radiance)) is None
     expected = exact(radiance, 31)
     np.testing.assert_allclose(image.mean(axis=(0, 1)), expected.mean(axis=(0, 1)), rtol=0.01)
     turned = [np.rot90(flip, k) for k in range(4) for flip in (image, image[:, ::-1])]
     errors = [math.sqrt(((i - expected) ** 2).sum() / (expected**2).sum()) for i in turned]
     assert errors[0] < 0.05
     assert min(errors[1:]) > 5 * errors[0]
+
+
+@pytest.mark.peer
+@pytest.mark.parametrize("kept", [0, 100])
+def test_the_real_pbrt_without_its_map_leaves_no_image(tmp_path, program, kept):
+    scenes = write_scenes(tmp_path, EnvironmentMap(np.ones((8, 16, 3))), [1], 9, versions=[program.version])
+    (path,) = (file for file in tmp_path.iterdir() if file.name.startswith("map_"))
+    whole = path.read_bytes()
+    path.unlink()
+    if kept:
+        path.write_bytes(whole[:kept])
+    with pytest.raises(LightdomeError, match=path.stem):
+        render_scene(program, scenes[0], LONG)
+
+
+@posix
+@pytest.mark.parametrize("line", ["Error: Unable to open map", "scene.pbrt:3:1: Error: odd", "[2026 ERROR] no map"])
+def test_an_error_counts_though_the_program_ends_well(tmp_path, scene, line):
+    write_image(tmp_path / "image.exr", np.ones((9, 9, 3), np.float32))
+    body = COPY.replace("IMAGE", repr(str(tmp_path / "image.exr")))
+    program = Pbrt(stand_in(tmp_path, f"print({line!r})\n" + body), 4)
+    with pytest.raises(LightdomeError, match="ended well, but reported an error: ") as caught:
+        render_scene(program, scene)
+    assert line in str(caught.value)
+
+
+@posix
+def test_warnings_are_shown(tmp_path, scene, caplog):
+    write_image(tmp_path / "image.exr", np.ones((9, 9, 3), np.float32))
+    body = COPY.replace("IMAGE", repr(str(tmp_path / "image.exr")))
+    lines = ["Warning: it is dark", "0 errors", "[now WARN ] no light", "Warning: it is dark"]
+    program = Pbrt(stand_in(tmp_path, f"print(*{lines}, sep=chr(10))\n" + body), 4)
+    render_scene(program, scene)
+    assert caplog.messages == [f"note: PBRT-v4 says: {line}" for line in (lines[0], lines[2])]
+
+
+@posix
+def test_a_program_that_is_not_executable_is_named(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    plain = tmp_path / "pbrt"
+    plain.write_text("")
+    for where in (None, tmp_path):
+        with pytest.raises(LightdomeError, match=f"{plain} is not executable; run chmod"):
+            find_pbrt(where)
+
+
+@posix
+@pytest.mark.parametrize("bar", [True, False])
+def test_a_render_is_given_up_once_it_stands_still(tmp_path, scene, monkeypatch, bar):
+    monkeypatch.setattr("lightdome.pbrt.STILL", 0.3)
+    moves = "for i in range(3):\n    print('Rendering: [%s]' % ('+' * i).ljust(9), flush=True)\n    time.sleep(0.1)\n"
+    body = "import time\n" + (moves if bar else "") + "time.sleep(600)\n"
+    with pytest.raises(LightdomeError, match=r"was stopped: 2 spp stood still for \d+ s; try the scene"):
+        render_scene(Pbrt(stand_in(tmp_path, body), 4), scene)
+
+
+@posix
+def test_a_closed_terminal_ends_pbrt_too(tmp_path):
+    """SIGHUP, for which nothing else would stop a program in a session of its own."""
+    os.mkfifo(tmp_path / "pipe")
+    hangs = ANSWER + f"import time\nwith open({str(tmp_path / 'pipe')!r}, 'w') as pipe:\n    time.sleep(600)\n"
+    write_image(tmp_path / "map.exr", np.ones((4, 8, 3), np.float32))
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    command = [
+        sys.executable,
+        str(ROOT / "scripts" / "part4_pbrt.py"),
+        "--map",
+        str(tmp_path / "map.exr"),
+        "--spp",
+        "1",
+    ]
+    command += ["--resolution", "9", "--pbrt", str(stand_in(tmp_path, hangs)), "--out", str(tmp_path / "out")]
+    process = subprocess.Popen(command, env={**os.environ, "TMPDIR": str(temporary)}, stdout=subprocess.DEVNULL)
+    with (tmp_path / "pipe").open() as pipe:  # opens once the program runs
+        process.send_signal(signal.SIGHUP)
+        assert process.wait(LONG) == 128 + signal.SIGHUP
+        assert pipe.read() == ""  # ends once it does not run any more
+    assert list(temporary.iterdir()) == []
+
+
+@pytest.mark.parametrize("resolution", [9, 31, 255])
+def test_an_image_of_another_scene_is_told(device, stiff, resolution):
+    image = exact_image(device, stiff, resolution).astype(np.float64)
+    noisy = image * np.random.default_rng(1).lognormal(-0.02, 0.2, image.shape)
+    assert deviation(noisy, stiff) is None
+    assert deviation(0.5 * noisy, stiff, albedo=0.5) is None
+    white = disc_mask(resolution)[..., None] * np.ones(3)
+    for wrong in (
+        white,
+        0 * noisy,
+        2 * noisy,
+        *((noisy[::-1], noisy[:, ::-1], noisy[..., ::-1]) if resolution > 9 else ()),
+    ):
+        assert "where the map calls for" in deviation(wrong, stiff)
+    assert deviation(np.ones((2, 2, 3)), stiff) is None  # too few pixels to know their noise
+    with pytest.raises(LightdomeError, match="must have the shape"):
+        deviation(noisy[1:], stiff)
+
+
+@posix
+def test_part_4_tells_of_a_wrong_image_and_of_no_cargo(tmp_path, script):
+    write_image(tmp_path / "image.exr", np.full((33, 33, 3), 3, np.float32))
+    program = stand_in(tmp_path, COPY.replace("IMAGE", repr(str(tmp_path / "image.exr"))))
+    write_image(tmp_path / "map.exr", np.ones((4, 8, 3), np.float32))
+    options = ("--map", tmp_path / "map.exr", "--resolution", 33, "--spp", 4, "--pbrt", program)
+    result = script("part4_pbrt", *options, "--out", tmp_path / "out")
+    assert result.returncode == 0
+    assert "note: PBRT-v4's image of 4 spp is not the sphere under this map" in result.stderr
+    empty = {"PATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)}
+    fails_in_one_line(script("get_pbrt", **empty), "no cargo on PATH")
+
+
+@posix
+def test_get_pbrt_has_cargo_install_the_port_where_part_4_finds_it(tmp_path, script):
+    """Cargo fails the first time, then installs; the third time nothing is left to do."""
+    body = f"""import sys, pathlib
+print("compiling", file=sys.stderr)
+folder = pathlib.Path(sys.argv[sys.argv.index("--root") + 1], "bin")
+folder.mkdir(parents=True, exist_ok=True)
+port = folder / sys.argv[sys.argv.index("--bin") + 1]
+port.write_text({PYTHON_PROGRAM + PORT!r})
+port.chmod(0o755)
+"""
+    found = {"PATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    stand_in(tmp_path, "import sys; sys.exit('error: no network')", "cargo")
+    failed = script("get_pbrt", **found)
+    assert failed.returncode == 1
+    assert failed.stderr.splitlines()[-1].startswith("get_pbrt: cargo did not install pbrt-r4")
+    stand_in(tmp_path, body, "cargo")
+    done = script("get_pbrt", **found)
+    assert done.returncode == 0, done.stderr
+    assert f"installed pbrt-r4 4.5.2: {tmp_path / 'cache'}" in done.stdout
+    (tmp_path / "cargo").unlink()
+    assert "pbrt-r4 4.5.2 is there" in script("get_pbrt", **found).stdout

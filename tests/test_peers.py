@@ -150,6 +150,7 @@ def test_mitsubas_rows_interpolate_between_ours() -> None:
     assert peer_mitsuba.between_poles(np.ones((1, 1, 3), np.float32)).shape == (3, 2, 3)
 
 
+@pytest.mark.peer
 def test_mitsuba_meets_the_exact_image(device: Device, blocks: EnvironmentMap, mitsuba: peer_mitsuba.Mitsuba) -> None:
     image, stages = mitsuba.render(SIZE, 1024, seed=0)
     assert_meets_exact(image, device, blocks)
@@ -158,6 +159,7 @@ def test_mitsuba_meets_the_exact_image(device: Device, blocks: EnvironmentMap, m
     assert mitsuba.about["start-up seconds"] > 0
 
 
+@pytest.mark.peer
 def test_mitsuba_says_how_many_samples_it_took(mitsuba: peer_mitsuba.Mitsuba) -> None:
     for spp in (1, 8, 16, 32):
         mitsuba.render(4, spp, 0)
@@ -166,6 +168,7 @@ def test_mitsuba_says_how_many_samples_it_took(mitsuba: peer_mitsuba.Mitsuba) ->
     assert 32 <= taken[32] <= 36
 
 
+@pytest.mark.peer
 @pytest.mark.skipif(not peer_mitsuba.installed(), reason=f"needs Mitsuba: {peers.INSTALL}")
 @pytest.mark.skipif(os.name != "posix", reason="crashes are told by signals")
 def test_a_mitsuba_that_crashes_is_an_error_and_no_crash() -> None:
@@ -177,6 +180,7 @@ def test_a_mitsuba_that_crashes_is_an_error_and_no_crash() -> None:
         peer.render(4, 1, 0)
 
 
+@pytest.mark.peer
 @pytest.mark.skipif(not peer_mitsuba.installed(), reason=f"needs Mitsuba: {peers.INSTALL}")
 def test_a_mitsuba_without_llvm_is_absent(monkeypatch: pytest.MonkeyPatch, blocks: EnvironmentMap) -> None:
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", "/nowhere/libLLVM.so")
@@ -188,6 +192,7 @@ def test_a_mitsuba_without_llvm_is_absent(monkeypatch: pytest.MonkeyPatch, block
 def test_what_is_not_installed_is_absent(monkeypatch: pytest.MonkeyPatch, blocks: EnvironmentMap) -> None:
     monkeypatch.setattr(peer_mitsuba, "find_spec", lambda name: None)
     monkeypatch.setenv("PATH", "/nowhere")
+    monkeypatch.setenv("XDG_CACHE_HOME", "/nowhere")
     found = peers.find(["mitsuba", "pbrt"], blocks, 4)
     assert not found.methods
     assert found.absent["mitsuba"] == peers.INSTALL
@@ -219,10 +224,10 @@ def test_pbrts_time_has_its_start_up_apart(
         clock += 2
         return find_pbrt(path)
 
-    def slow_render(program: Pbrt, scene: Scene) -> np.ndarray:
+    def slow_render(program: Pbrt, scene: Scene, quiet: bool) -> np.ndarray:
         nonlocal clock
         clock += 5 if scene.resolution == 1 else 9
-        return render_scene(program, scene)
+        return render_scene(program, scene, quiet=quiet)
 
     monkeypatch.setattr(peer_pbrt, "time", SimpleNamespace(perf_counter=lambda: clock))
     monkeypatch.setattr(peer_pbrt, "find_pbrt", slow_start)
@@ -241,6 +246,7 @@ def test_pbrts_time_has_its_start_up_apart(
     assert method.clock() == {"scene": 3, "render": 4}
 
 
+@pytest.mark.peer
 def test_pbrt_meets_the_exact_image(device: Device, blocks: EnvironmentMap) -> None:
     try:
         peer = peer_pbrt.PbrtPeer(os.environ.get("LIGHTDOME_PBRT"), blocks)

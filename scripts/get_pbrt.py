@@ -1,0 +1,64 @@
+#!/usr/bin/env python3
+"""Install pbrt-r4, a port of PBRT-v4 in Rust, where part 4 and the benchmark find it."""
+
+import os
+import sys
+
+sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))  # noqa: PTH120 - missing under PYTHONSAFEPATH
+import _start  # noqa: F401 - first, so that Ctrl-C is handled and .venv is found
+
+# isort: split
+import argparse
+import shutil
+import subprocess
+
+from lightdome import cli
+from lightdome.errors import LightdomeError
+from lightdome.pbrt import Pbrt, find_pbrt, installed_port
+
+CRATE, VERSION = "pbrt-r4", "4.5.2"
+
+
+def installed() -> "Pbrt | None":
+    """The program, if it is there in this version and starts."""
+    try:
+        program = find_pbrt(installed_port())
+    except LightdomeError:
+        return None
+    return program if program.port == f"{CRATE} {VERSION}" else None
+
+
+def main() -> None:
+    """Have cargo build it, unless it is there."""
+    parser = argparse.ArgumentParser(
+        description="Install pbrt-r4, a port of PBRT-v4 in Rust, into the cache of lightdome, where part 4, the benchmark"
+        " and the report find it. Needs cargo and a network; takes about five minutes on two"
+        " cores. To remove it, delete the folder that it names.",
+        epilog="example: scripts/get_pbrt.py",
+    )
+    parser.parse_args()
+    program, folder = installed(), installed_port().parent.parent
+    if program:
+        print(f"{program.name} is there: {program.path}")
+        return
+    cargo = shutil.which("cargo")
+    if cargo is None:
+        raise LightdomeError("there is no cargo on PATH; install Rust (https://rustup.rs), then run this again")
+    print(f"installing {CRATE} {VERSION} into {folder}: about five minutes on two cores", flush=True)
+    command = [cargo, "install", CRATE, "--version", VERSION, "--locked", "--no-default-features", "--bin", CRATE]
+    # Without optimisation, the programs that generate its code take many times as long as it takes to compile them.
+    environment = {**os.environ, "CARGO_PROFILE_RELEASE_BUILD_OVERRIDE_OPT_LEVEL": "2"}
+    try:
+        done = subprocess.run([*command, "--force", "--root", str(folder)], env=environment, stdin=subprocess.DEVNULL)
+    except OSError as error:
+        raise LightdomeError(f"cannot start {cargo}: {error.strerror}; install Rust (https://rustup.rs)") from error
+    program = installed()
+    if done.returncode != 0 or program is None:
+        raise LightdomeError(
+            f"cargo did not install {CRATE}, for the reason above; it needs a network and a recent Rust (rustup update)"
+        )
+    print(f"installed {program.name}: {program.path}")
+
+
+if __name__ == "__main__":
+    cli.run(main)
