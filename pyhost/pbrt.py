@@ -172,7 +172,7 @@ def find_pbrt(path: str | Path | None = None, timeout: float = 20.0) -> Pbrt:
         said.append((code, text))
         if re.search(r"\brs_pbrt\b", text):
             raise LightdomeError(
-                f"{program} is rs_pbrt, which writes pictures of 8 bits only; {GET} installs a port that writes radiance"
+                f"{program} is rs_pbrt, which writes 8-bit pictures only; {GET} installs a port that writes radiance"
             )
         if port := re.search(r"^(pbrt-r[34]) (?:version )?(\d[\w.]*)", text, re.MULTILINE):
             return Pbrt(program, PORTS[port[1]], f"{port[1]} {port[2]}")

@@ -217,7 +217,7 @@ def test_a_program_is_found_on_path_else_where_it_was_installed(tmp_path, monkey
     ("body", "message"),
     [
         ("print('pbrt version 2.0.0 of today')", "PBRT version 2"),
-        ("sys.exit('error: --path is missing\\nUsage: rs_pbrt --path <PATH>')", "is rs_pbrt, .* 8 bits .*get_pbrt"),
+        ("sys.exit('error: --path is missing\\nUsage: rs_pbrt --path <PATH>')", "is rs_pbrt, .* 8-bit .*get_pbrt"),
         ("print('usage: something else')", "usage: something else"),
         ("", "it said: nothing"),
         ("import os; os.abort()", "SIGABRT"),
