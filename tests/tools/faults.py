@@ -1084,7 +1084,7 @@ FAULTS: list[Fault] = [
         "a**2 + a[:, None] ** 2 < resolution**2",
         "a**2 + a[:, None] ** 2 <= resolution**2",
         "a bound",
-        equivalent="a and b have the parity of R - 1, so a^2 + b^2 is even and R^2 odd, or 2 mod 4 and R^2 0 mod 4: never the same",
+        equivalent="a^2 + b^2 is never R^2: it is even where R is odd, and 2 mod 4 where R is even",
     ),
     host(
         "disc: tiles begin at the first row's reach",

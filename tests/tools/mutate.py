@@ -42,18 +42,21 @@ NOTICED, SURVIVED, EQUIVALENT, NOT_FOUND = "noticed", "SURVIVED", "equivalent", 
 
 # Puts the packages of a copy before those of the environment that its own environment leads to.
 FINDER = """\
-import importlib.util
 import sys
+from importlib.machinery import PathFinder
+from importlib.util import spec_from_file_location
+
+FOLDERS = {folders!r}
 
 
 class Copy:
+    __module__ = "__editable___lightdome_copy"  # stays first where setup.py's line sorts finders by this name
+
     @staticmethod
     def find_spec(name, path=None, target=None):
-        folder = {folders!r}.get(name)
-        if folder:
-            return importlib.util.spec_from_file_location(
-                name, folder + "/__init__.py", submodule_search_locations=[folder]
-            )
+        if folder := FOLDERS.get(name):
+            return spec_from_file_location(name, folder + "/__init__.py", submodule_search_locations=[folder])
+        return PathFinder.find_spec(name, path) if name.partition(".")[0] in FOLDERS else None
 
 
 sys.meta_path.insert(0, Copy)
@@ -114,6 +117,9 @@ class Copy:
         (packages / "of_the_copy.pth").write_text(f"import site; site.addsitedir({parent!r})\nimport of_the_copy\n")
         # What a fault leaves in a cache must not serve the next one.
         self._cache = folder / "cache"
+        self._environment = {**os.environ, "XDG_CACHE_HOME": str(self._cache)}
+        fonts = [self._python, "-c", "import matplotlib.font_manager"]  # found once, and not in a test of a full disk
+        subprocess.run(fonts, env=self._environment, check=True)
         self._process: subprocess.Popen[str] | None = None
         self._ended = False
 
@@ -131,7 +137,7 @@ class Copy:
             stderr=subprocess.STDOUT,
             text=True,
             errors="replace",
-            env={**os.environ, "XDG_CACHE_HOME": str(self._cache)},
+            env=self._environment,
             start_new_session=True,
         )
         if self._ended:
