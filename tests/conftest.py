@@ -21,7 +21,7 @@ GRACE = Path(os.environ.get("LIGHTDOME_GRACE", ROOT / "data" / "grace_latlong.ex
 
 
 def pytest_configure() -> None:
-    """Let programs that tests start hear Ctrl-C: a shell's background job and ``nohup`` ignore it, and so would they."""
+    """Let programs that tests start hear SIGINT, even if the suite itself runs as a shell's background job."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -13,7 +13,7 @@ import re
 import runpy
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -120,6 +120,11 @@ POINTS = [
     *(measured("mis", n, "per pixel") for n in (8, 32)),
     measured("harmonics", 2, "order"),
     *(measured("pbrt", n, "per pixel", peer=True) for n in (8, 64)),
+    # At each level of error another one is fastest than is most exact.
+    *(
+        replace(measured("sobol", n, "shared"), rmse=0.55 / n, wall_seconds=0.01 + 1e-5 * n, stages={"shade": 2e-5 * n})
+        for n in (16, 64, 128)
+    ),
     measured("exact", 1, "order", rmse=3e-9),
 ]
 INEXACT = [p for p in POINTS if p.method != "exact"]
@@ -922,6 +927,13 @@ def test_the_pictures_of_bias_and_noise_are_in_percent_of_the_mean(told: SimpleN
         np.testing.assert_allclose(
             pictures[name].get_array()[mask] * unit(bar.get_xlabel()), difference[mask], atol=1e-6
         )
+    sizes = []
+    for image, exact in ((shared, images.exact), (per_pixel, images.exact_per_pixel)):
+        difference = (image.astype(np.float64) - exact).mean(axis=2)[mask] / mean
+        sizes.append(np.percentile(np.abs(difference), 98))
+    for picture in pictures.values():
+        assert picture.norm.vmax * unit(bar.get_xlabel()) == pytest.approx(max(sizes))
+        assert picture.norm.vmin == -picture.norm.vmax
     (curves,) = [axes for axes in figure.axes if axes.lines and axes.get_xlabel().startswith("x on")]
     assert curves.get_ylabel() == "radiance, mean of R, G, B"
     x = np.flatnonzero(mask[35])
