@@ -28,19 +28,20 @@ class Fault:
         object.__setattr__(self, "tests", self.tests or TESTS[self.file])
 
 
-DRAWS = ("test_sequences.py", "test_distribution.py", "test_stability.py")
-SPHERE = ("test_sphere.py",)
-RENDER = ("test_render.py",)
+DRAWS = ("test_sequences.py", "test_distribution.py", "test_launches.py", "test_stability.py")
+SPHERE = ("test_sphere.py", "test_launches.py")
+RENDER = ("test_render.py", "test_devices.py", "test_launches.py")
 CUT = ("test_mediancut.py",)
 FRESNEL = ("test_fresnel.py",)
-OPTIONS = ("test_scripts.py", "test_commands.py", "test_settings.py")
+OPTIONS = ("test_options.py", "test_scripts.py", "test_commands.py", "test_settings.py")
+SHOWN = ("test_shown_numbers.py",)
 
 # The tests that may notice a fault in a file.
 TESTS: dict[str, tuple[str, ...]] = {
     # kernels
     "angle.clh": ("test_angle.py",),
     "arc_sums.cl": SPHERE,
-    "azimuth_sums.cl": ("test_harmonics.py",),
+    "azimuth_sums.cl": ("test_harmonics.py", "test_launches.py"),
     "block_search.clh": DRAWS,
     "cells.cl": RENDER,
     "choose_rows.cl": ("test_banded.py",),
@@ -51,7 +52,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "exact_areas.cl": SPHERE,
     "guide.cl": DRAWS,
     "guided.clh": DRAWS,
-    "harmonics.cl": ("test_harmonics.py",),
+    "harmonics.cl": ("test_harmonics.py", "test_launches.py"),
     "invert_cdf.clh": ("test_banded.py",),
     "light_groups.cl": SPHERE,
     "map_row.clh": ("test_distribution.py",),
@@ -69,23 +70,23 @@ TESTS: dict[str, tuple[str, ...]] = {
     "row_cdf.cl": DRAWS,
     "row_sums.cl": CUT,
     "sample.cl": DRAWS,
-    "sequence.clh": ("test_sequences.py", "test_distribution.py", "test_render.py"),
+    "sequence.clh": ("test_sequences.py", "test_distribution.py", "test_launches.py", "test_render.py"),
     "shade.cl": SPHERE,
     "shade_tiles.cl": SPHERE,
     "span_sums.cl": CUT,
     "sphere.clh": SPHERE,
     "stream.clh": DRAWS,
     # the host
-    "banded.py": ("test_banded.py",),
-    "benchmark.py": ("test_benchmark.py", "test_report.py"),
-    "benchmark_plot.py": ("test_benchmark.py", "test_report.py"),
+    "banded.py": ("test_banded.py", "test_launches.py"),
+    "benchmark.py": (*SHOWN, "test_benchmark.py", "test_options.py"),
+    "benchmark_plot.py": (*SHOWN, "test_benchmark.py"),
     "buffers.py": ("test_resources.py", "test_distribution.py", "test_device.py"),
     "cache.py": ("test_cache.py", "test_install.py", "test_resources.py"),
     "checks.py": ("test_checks.py", "test_samples.py", "test_lights.py"),
-    "cli.py": ("test_commands.py", "test_scripts.py", "test_resources.py", "test_data.py"),
+    "cli.py": ("test_commands.py", "test_options.py", "test_scripts.py", "test_resources.py"),
     "device.py": ("test_device.py",),
     "disc.py": ("test_sphere.py", "test_render.py"),
-    "distribution.py": ("test_distribution.py", "test_checks.py"),
+    "distribution.py": ("test_distribution.py", "test_launches.py", "test_checks.py"),
     "envmap.py": ("test_envmap.py", "test_distribution.py"),
     "equiarea.py": ("test_pbrt.py",),
     "exr.py": ("test_exr.py",),
@@ -93,10 +94,10 @@ TESTS: dict[str, tuple[str, ...]] = {
     "float_range.py": ("test_sphere.py", "test_stability.py"),
     "fresnel.py": FRESNEL,
     "fresnel_plot.py": FRESNEL,
-    "harmonics.py": ("test_harmonics.py",),
+    "harmonics.py": ("test_harmonics.py", "test_launches.py"),
     "horizon.py": SPHERE,
     "images.py": ("test_images.py", "test_banded.py"),
-    "interrupts.py": ("test_interrupted.py", "test_data.py"),
+    "interrupts.py": ("test_interrupted.py",),
     "lights.py": ("test_lights.py",),
     "markers.py": ("test_scripts.py",),
     "mediancut.py": CUT,
@@ -112,24 +113,24 @@ TESTS: dict[str, tuple[str, ...]] = {
     "rates.py": ("test_device.py",),
     "reference.py": ("test_stability.py", "test_sphere.py"),
     "render.py": RENDER,
-    "report.py": ("test_report.py",),
-    "report_figures.py": ("test_report.py",),
-    "roofline.py": ("test_roofline.py",),
-    "roofline_plot.py": ("test_roofline.py",),
+    "report.py": (*SHOWN, "test_report.py"),
+    "report_figures.py": (*SHOWN, "test_report.py"),
+    "roofline.py": (*SHOWN, "test_roofline.py"),
+    "roofline_plot.py": (*SHOWN, "test_roofline.py"),
     "roofline_stages.py": ("test_roofline.py",),
     "samples.py": ("test_samples.py", "test_checks.py"),
-    "settings.py": ("test_settings.py",),
+    "settings.py": ("test_settings.py", "test_report.py"),
     "sphere.py": SPHERE,
-    "stability.py": ("test_stability.py",),
-    "stability_plot.py": ("test_stability.py",),
+    "stability.py": (*SHOWN, "test_stability.py"),
+    "stability_plot.py": (*SHOWN, "test_stability.py"),
     # the scripts
     "_start.py": ("test_install.py", "test_interrupted.py"),
-    "bench.py": ("test_benchmark.py", "test_roofline.py", "test_peers.py"),
+    "bench.py": ("test_options.py", *SHOWN, "test_benchmark.py", "test_peers.py"),
     "get_grace.py": ("test_data.py",),
-    "part1_fresnel.py": ("test_fresnel.py", "test_commands.py", "test_settings.py"),
+    "part1_fresnel.py": ("test_options.py", "test_fresnel.py", "test_commands.py"),
     "part2_sample.py": (*OPTIONS, "test_banded.py"),
     "part3_shade.py": OPTIONS,
-    "part4_pbrt.py": ("test_pbrt.py", *OPTIONS),
+    "part4_pbrt.py": (*OPTIONS, "test_pbrt.py"),
 }
 
 kernel, host, script = (partial(Fault, area) for area in ("kernels", "host", "scripts"))
@@ -200,7 +201,7 @@ FAULTS: list[Fault] = [
         "counter = {{index, stream, purpose, 0u}}",
         "counter = {{index, 0u, purpose, 0u}}",
         "an argument forgotten",
-        ("test_render.py",),
+        ("test_devices.py", "test_launches.py", "test_render.py"),
     ),
     kernel(
         "the upper half of a seed is not in the key",
@@ -1139,8 +1140,8 @@ FAULTS: list[Fault] = [
     host(
         "render: a launch sums all in single precision",
         "render.py",
-        "step = min(max(1, SAMPLES_A_LAUNCH // len(disc)), SAMPLES_A_SUM)",
-        "step = max(1, SAMPLES_A_LAUNCH // len(disc))",
+        "step = min(device.items_a_launch(SAMPLES_A_LAUNCH, len(disc)), SAMPLES_A_SUM)",
+        "step = device.items_a_launch(SAMPLES_A_LAUNCH, len(disc))",
         "compensation dropped",
     ),
     host(
