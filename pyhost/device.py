@@ -87,6 +87,10 @@ class Device:
         """
         return None if self.is_gpu else (1,) * dimensions
 
+    def items_a_launch(self, work: int, work_an_item: int) -> int:
+        """How many work-items make a launch of about ``work``, at least one: longer work takes several launches."""
+        return max(1, work // work_an_item)
+
     def kernel(self, name: str, **defines: int) -> Kernel:
         """The kernel ``name`` of the source file ``clkernels/name.cl``, built once per set of ``defines``."""
         return self.programs.kernel(name, **defines)

@@ -162,7 +162,7 @@ class Distribution:
             device.decisions.skip("guide tables", few)
         block = 1 if device.is_gpu else SAMPLES_A_BLOCK
         kernel = device.kernel("sample", BLOCK=block, **defines)
-        blocks, step = -(-count // block), max(1, SAMPLES_A_LAUNCH // block)
+        blocks, step = -(-count // block), device.items_a_launch(SAMPLES_A_LAUNCH, block)
         with Progress("sampling") as progress:
             for begin in range(0, blocks, step):
                 event = kernel(

@@ -153,7 +153,7 @@ def shade_harmonics(device: Device, harmonics: Harmonics, resolution: int = 511,
     table[:, 2:] = np.ldexp(table[:, 2:], -exponent)
     term_buffer = buffers.upload(device, table.astype(np.float32))
     image = buffers.zeros(device, (resolution, resolution, 3), np.float32)
-    step = max(1, TERMS_A_LAUNCH // (len(table) * pixels))
+    step = device.items_a_launch(TERMS_A_LAUNCH, len(table) * pixels)
     for begin in range(0, len(tiles), step):
         event = device.kernel("harmonics", PIXELS=pixels)(
             device.queue,

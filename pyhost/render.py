@@ -128,7 +128,7 @@ def _images(
     else:
         defines[f"ESTIMATOR_{estimator.upper()}"] = 1
         launch, flux = _launch(distribution, mis_compensation, disc, defines)
-    step = min(max(1, SAMPLES_A_LAUNCH // len(disc)), SAMPLES_A_SUM)
+    step = min(device.items_a_launch(SAMPLES_A_LAUNCH, len(disc)), SAMPLES_A_SUM)
     done = 0
     with Progress("rendering") as progress:
         for target in spp:

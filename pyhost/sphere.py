@@ -98,7 +98,7 @@ def _shade(
     image = buffers.zeros(device, (resolution, resolution, 3), np.float32)
     tile_buffer = buffers.upload(device, tiles)
 
-    step = max(1, PAIRS_A_LAUNCH // (len(light) * pixels * rows))
+    step = device.items_a_launch(PAIRS_A_LAUNCH, len(light) * pixels * rows)
     with Progress("shading the sphere") as progress:
         for begin in range(0, len(tiles), step):
             count = min(step, len(tiles) - begin)

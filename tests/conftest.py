@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 from lightdome.device import Device, open_device
 from lightdome.envmap import EnvironmentMap
+from lightdome.programs import Programs
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.append(str(ROOT / "scripts"))  # for scripts that tests load as modules
@@ -19,9 +22,50 @@ LONG = 600.0  # seconds in which a child that does not hang has ended, however s
 GRACE = Path(os.environ.get("LIGHTDOME_GRACE", ROOT / "data" / "grace_latlong.exr"))
 
 
+def pytest_configure() -> None:
+    """Let programs that tests start hear SIGINT, even if the suite itself runs as a shell's background job."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 @pytest.fixture(scope="session")
 def device() -> Device:
     return open_device()
+
+
+class SmallLaunches:
+    """Of a device: launches have three work-items at most, or three samples per pixel. All work is long work."""
+
+    def items_a_launch(self, work: int, work_an_item: int) -> int:
+        return 3
+
+
+@dataclass(frozen=True)
+class GpuShaped(Device):
+    """A device that says it is a GPU: kernels take that shape, and nothing stays in the host's memory."""
+
+    shares_host_memory = False
+
+    @property
+    def is_gpu(self) -> bool:
+        return True
+
+
+def with_small_launches(device: Device) -> Device:
+    """``device``, with its shape and its kernels, and with :class:`SmallLaunches`."""
+    kind = type("SmallLaunchesOf", (SmallLaunches, type(device)), {})
+    return kind(**{f.name: getattr(device, f.name) for f in fields(device)})
+
+
+def in_gpu_shape(device: Device) -> Device:
+    """``device`` as :class:`GpuShaped`; its kernels are compiled as for a GPU."""
+    programs = Programs(device.context, FUSED=int(device.rates.is_fused))
+    return GpuShaped(**{f.name: getattr(device, f.name) for f in fields(device)} | {"programs": programs})
+
+
+@pytest.fixture(scope="session")
+def gpu_shaped(device: Device) -> Device:
+    return in_gpu_shape(device)
 
 
 @pytest.fixture(scope="session")

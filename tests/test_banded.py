@@ -289,3 +289,12 @@ def test_a_map_that_is_too_large_is_refused_with_the_option_that_helps(script: S
     result = script("part2_sample", "--map", path, "--out", tmp_path / "out", POCL_MEMORY_LIMIT="1")
     fails_in_one_line(result, "65536 x 16384 map", "--samples-only")
     assert not list((tmp_path / "out").iterdir())
+
+
+def test_points_on_the_steps_between_rows_find_the_rows_of_the_map_in_memory(device: Device, tmp_path: Path) -> None:
+    # So many rows and samples that some dozen points lie on a step exactly.
+    write_image(tmp_path / "map.pfm", np.ones((2**16, 1, 3), np.float32))
+    image = ImageRows(tmp_path / "map.pfm")
+    (samples,) = sample_file(device, image, [2**20], 3)
+    pixel, _ = build_distribution(device, EnvironmentMap.read(image.path)).sample_pixels(2**20, 3)
+    np.testing.assert_array_equal(samples.pixel, pixel)

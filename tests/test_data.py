@@ -181,6 +181,10 @@ class Handler(http.server.BaseHTTPRequestHandler):
                 if self.stop.wait(0.05):
                     return
                 self.wfile.write(b".")
+        elif path == "/endless":  # never silent, so that only a signal ends who listens
+            self.answer(bytes(SIZE // 2), SIZE)
+            while not self.stop.wait(0.05):
+                self.wfile.write(b".")
         elif path == "/garbage":
             self.wfile.write(b"\x1b[31mno\r\n\r\n")
         elif path.startswith("/to/"):
@@ -290,7 +294,7 @@ def test_a_full_disk_is_one_line(server: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_leaves_nothing(server: str, tmp_path: Path, number: int, status: int) -> None:
     process = subprocess.Popen(
-        [sys.executable, str(GET), "--from", server + "/hang", "--out", str(tmp_path / "g.exr")],
+        [sys.executable, str(GET), "--from", server + "/endless", "--out", str(tmp_path / "g.exr")],
         stderr=subprocess.PIPE,
         text=True,
         env=quiet(),
@@ -300,7 +304,7 @@ def test_a_signal_leaves_nothing(server: str, tmp_path: Path, number: int, statu
         time.sleep(0.02)
     process.send_signal(number)
     _, errors = process.communicate(timeout=LONG)
-    assert process.returncode == status
+    assert process.returncode == status, errors
     assert "Traceback" not in errors
     assert list(tmp_path.iterdir()) == []
 

@@ -70,14 +70,14 @@ def images(distribution: Distribution) -> dict[str, np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def devices() -> list[Device]:
-    """Every device that works."""
+def devices(gpu_shaped: Device) -> list[Device]:
+    """Every device that works, and one in the shape for a GPU."""
     result = []
     for p, platform in enumerate(cl.get_platforms()):
         for d in range(len(platform.get_devices())):
             with contextlib.suppress(LightdomeError):
                 result.append(open_device(f"{p}:{d}"))
-    return result
+    return [*result, gpu_shaped]
 
 
 @pytest.mark.parametrize("name", MAPS)

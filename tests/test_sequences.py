@@ -96,3 +96,9 @@ def test_better_sequences_have_less_error(device: Device) -> None:
     }
     for sequence in SEQUENCES[1:]:
         assert error[sequence] < 0.8 * error["independent"]
+
+
+@pytest.mark.parametrize("sequence", SEQUENCES)
+def test_every_half_of_a_seed_counts(square: Distribution, sequence: str) -> None:
+    drawn = {square.sample(64, seed, sequence).pixel.tobytes() for seed in (0, 1, 2**31, 2**32, 2**32 + 1, 2**63)}
+    assert len(drawn) == 6
