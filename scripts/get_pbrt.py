@@ -11,6 +11,7 @@ import _start  # noqa: F401 - first, so that Ctrl-C is handled and .venv is foun
 import argparse
 import shutil
 import subprocess
+from pathlib import Path
 
 from lightdome import cli
 from lightdome.errors import LightdomeError
@@ -19,10 +20,10 @@ from lightdome.pbrt import Pbrt, find_pbrt, installed_port
 CRATE, VERSION = "pbrt-r4", "4.5.2"
 
 
-def installed() -> "Pbrt | None":
-    """The program, if it is there in this version and starts."""
+def installed(folder: Path) -> "Pbrt | None":
+    """The program in ``folder``, if it is there in this version and starts."""
     try:
-        program = find_pbrt(installed_port())
+        program = find_pbrt(folder / "bin" / CRATE)
     except LightdomeError:
         return None
     return program if program.port == f"{CRATE} {VERSION}" else None
@@ -34,10 +35,17 @@ def main() -> None:
         description="Install pbrt-r4, a port of PBRT-v4 in Rust, into lightdome's cache, where part 4, the benchmark and"
         " the report find it. Needs cargo and a network; takes about five minutes on two cores. To remove it, delete the"
         " folder that it names.",
-        epilog="example: scripts/get_pbrt.py",
+        epilog="example: scripts/get_pbrt.py --out ~/pbrt",
     )
-    parser.parse_args()
-    program, folder = installed(), installed_port().parent.parent
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        default=installed_port().parent.parent,
+        help="folder to install into (default: the cache; in another one --pbrt finds it, as DIR/bin)",
+    )
+    folder = parser.parse_args().out.absolute()
+    program = installed(folder)
     if program:
         print(f"{program.name} is there: {program.path}")
         return
@@ -52,7 +60,7 @@ def main() -> None:
         done = subprocess.run([*command, "--force", "--root", str(folder)], env=environment, stdin=subprocess.DEVNULL)
     except OSError as error:
         raise LightdomeError(f"cannot start {cargo}: {error.strerror}; install Rust (https://rustup.rs)") from error
-    program = installed()
+    program = installed(folder)
     if done.returncode != 0 or program is None:
         raise LightdomeError(
             f"cargo did not install {CRATE}, for the reason above; it needs a network and a recent Rust (rustup update)"

@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 from lightdome.device import Device, open_device
 from lightdome.envmap import EnvironmentMap
+from lightdome.errors import LightdomeError
+from lightdome.pbrt import Pbrt, find_pbrt
 from lightdome.programs import Programs
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -73,6 +75,17 @@ def grace() -> EnvironmentMap:
     if not GRACE.exists():
         pytest.skip("needs the Grace map: run scripts/get_grace.py")
     return EnvironmentMap.read(GRACE)
+
+
+@pytest.fixture(scope="session")
+def program() -> Pbrt:
+    """A real PBRT: that of the environment variable LIGHTDOME_PBRT, else what part 4 finds."""
+    try:
+        return find_pbrt(os.environ.get("LIGHTDOME_PBRT"))
+    except LightdomeError as error:
+        if "LIGHTDOME_PBRT" in os.environ:
+            raise
+        pytest.skip(str(error))
 
 
 def stiff_radiance(height: int, width: int, seed: int = 1) -> np.ndarray:

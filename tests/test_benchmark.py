@@ -192,4 +192,4 @@ def test_a_pbrt_that_is_named_is_a_peer(script: Script, tmp_path: Path) -> None:
     options = ("--methods", "r2", "--counts", 4, "--spp", 1, "--resolution", 9, "--seeds", 1, "--repeats", 1)
     result = script("bench", "--map", tmp_path / "map.pfm", *options, "--pbrt", tmp_path, "--out", tmp_path / "out")
     assert result.returncode == 0, result.stderr
-    assert f"peer pbrt {tmp_path}: absent (no program pbrt in the folder {tmp_path}" in result.stdout
+    assert f"peer pbrt {tmp_path}: absent (no program pbrt, pbrt-r4, pbrt-r3 in the folder {tmp_path}" in result.stdout

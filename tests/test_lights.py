@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import csv
-import os
 import re
-import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +14,10 @@ from lightdome.device import Device
 from lightdome.distribution import build_distribution
 from lightdome.envmap import EnvironmentMap
 from lightdome.errors import LightdomeError
-from lightdome.images import read_image
 from lightdome.lights import Lights, write_csv, write_pbrt
 from lightdome.mediancut import median_cut
+from lightdome.pbrt import Pbrt, Scene, render_scene
 from lightdome.sphere import shade, shade_samples
-
-PBRT = os.environ.get("LIGHTDOME_PBRT") or shutil.which("pbrt")
 
 # Version 3 sums all lights; version 4 picks one a sample, so its image has noise.
 SCENE = {
@@ -121,10 +116,9 @@ def test_a_folder_that_is_not_there_is_told_in_words(lights: Lights, tmp_path: P
             write(tmp_path / "nowhere" / "lights", lights)
 
 
-@pytest.mark.skipif(not PBRT, reason="no pbrt on PATH, nor named by the environment variable LIGHTDOME_PBRT")
-def test_pbrt_draws_the_same_sphere(device: Device, tmp_path: Path) -> None:
-    banner = subprocess.run([str(PBRT)], capture_output=True, text=True, input="", timeout=LONG)
-    version = int(re.search(r"pbrt version (\d)", banner.stdout + banner.stderr)[1])
+@pytest.mark.peer
+def test_pbrt_draws_the_same_sphere(device: Device, tmp_path: Path, program: Pbrt) -> None:
+    version = program.version
     # Mild colours: version 4 renders spectra, and saturated ones carry noise of their own.
     rng = np.random.default_rng(5)
     direction = rng.normal(0.3, 1, (64, 3))
@@ -132,11 +126,7 @@ def test_pbrt_draws_the_same_sphere(device: Device, tmp_path: Path) -> None:
     lights = Lights(direction.astype(np.float32), rng.uniform(0.5, 1.5, (64, 3)) * rng.uniform(0.5, 1.5, (64, 1)))
     write_pbrt(tmp_path / "lights.pbrt", lights)
     (tmp_path / "scene.pbrt").write_text(SCENE[version])
-    result = subprocess.run(
-        [str(PBRT), "--quiet", "scene.pbrt"], cwd=tmp_path, capture_output=True, text=True, timeout=LONG
-    )
-    assert result.returncode == 0, result.stdout + result.stderr
-    image = read_image(tmp_path / ("image.pfm" if version == 3 else "image.exr"))
+    image = render_scene(program, Scene(tmp_path / "scene.pbrt", version, 64, 64), LONG)
     ours = shade(device, lights.direction, lights.flux, 64)
     assert reference.relative_rmse(image, ours) < {3: 1e-5, 4: 0.05}[version]
     np.testing.assert_allclose(image.mean(axis=(0, 1)), ours.mean(axis=(0, 1)), rtol={3: 1e-5, 4: 5e-3}[version])

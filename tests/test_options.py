@@ -13,7 +13,9 @@ import hashlib
 import io
 import json
 import runpy
+import shutil
 import signal
+import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
@@ -39,6 +41,7 @@ from lightdome import (
     stability_cases,
 )
 from lightdome.benchmark import Measurement
+from lightdome.cache import cache_folder
 from lightdome.device import open_device
 from lightdome.distribution import build_distribution
 from lightdome.envmap import EnvironmentMap
@@ -835,6 +838,22 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
         patch.setattr(sys, "argv", ["get_grace.py", *options])
         found["main"]()
     assert asked == [("here.exr", out), (found["URL"], out)]
+
+
+@option("--out", "get_pbrt")
+def _(world: World, patch: pytest.MonkeyPatch) -> None:
+    found = runpy.run_path(str(ROOT / "scripts" / "get_pbrt.py"))
+    asked: list[list[str]] = []
+    patch.setattr(shutil, "which", lambda *_, **__: "cargo")
+    patch.setattr(subprocess, "run", lambda command, **_: asked.append(command) or SimpleNamespace(returncode=1))
+    for options in ([], ["--out", str(world.folder / "p")]):
+        patch.setattr(sys, "argv", ["get_pbrt.py", *options])
+        with pytest.raises(LightdomeError, match="cargo did not install"):
+            found["main"]()
+    assert [command[command.index("--root") + 1] for command in asked] == [
+        str(cache_folder("pbrt")),
+        str(world.folder / "p"),
+    ]
 
 
 @pytest.mark.parametrize(("script", "name"), CASES, ids=[" ".join(case) for case in CASES])

@@ -376,17 +376,6 @@ def exact(radiance: np.ndarray, resolution: int) -> np.ndarray:
     return np.where((nx**2 + ny**2 < 1)[..., None], image, 0)
 
 
-@pytest.fixture(scope="module")
-def program() -> Pbrt:
-    """A real PBRT: that of the environment variable LIGHTDOME_PBRT, else what part 4 finds."""
-    try:
-        return find_pbrt(os.environ.get("LIGHTDOME_PBRT"))
-    except LightdomeError as error:
-        if "LIGHTDOME_PBRT" in os.environ:
-            raise
-        pytest.skip(str(error))
-
-
 @pytest.mark.peer
 def test_the_real_pbrt_draws_our_image_the_right_way_up(tmp_path, program):
     radiance = np.full((32, 64, 3), 0.2, np.float32)
