@@ -291,3 +291,14 @@ def test_no_kernel_writes_a_guide_that_may_be_gone(device: Device, monkeypatch: 
     assert distribution.guide
     assert len(events) == 2
     assert all(event.command_execution_status == cl.command_execution_status.COMPLETE for event in events)
+
+
+@pytest.mark.parametrize("factor", [2.0**-100, 1.0, 2.0**100])
+def test_many_pixels_alone_have_the_probabilities_of_samples_on_any_scale(
+    device: Device, stiff: EnvironmentMap, factor: float
+) -> None:
+    distribution = build_distribution(device, EnvironmentMap(stiff.radiance * np.float32(factor)))
+    samples = distribution.sample(2000, 5)
+    pixel, probability = distribution.sample_pixels(2000, 5)
+    np.testing.assert_array_equal(pixel, samples.pixel)
+    np.testing.assert_array_equal(probability, samples.probability)

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from conftest import stiff_radiance
+from conftest import stiff_radiance, with_small_launches
 from lightdome import reference
 from lightdome.device import Device
 from lightdome.disc import disc_mask
@@ -374,3 +374,21 @@ def test_the_last_rows_and_columns_of_any_map_send_their_light(
         expected = exact_image(device, envmap, 9, pixels=PIXELS_OF[str(options["estimator"])])
         sums, truth = (a.sum(axis=(0, 1), dtype=np.float64) for a in (image, expected))
         np.testing.assert_allclose(sums, truth, rtol=0.05 if options["estimator"] == "bsdf" else 3e-4)
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_thousands_of_launches_lose_no_digits(device: Device, small: Distribution, estimator: str) -> None:
+    few = build_distribution(with_small_launches(device), small.envmap)
+    images = [one(each, 12000, 3, estimator=estimator) for each in (small, few)]
+    np.testing.assert_allclose(images[1], images[0], rtol=1e-6)
+
+
+@pytest.mark.parametrize("channel", range(3))
+def test_the_product_draws_both_ends_of_a_cell_whatever_their_colour(device: Device, channel: int) -> None:
+    # A cell has 6 x 6 pixels. The lamps in two of its corners set over different normals.
+    radiance = np.zeros((192, 384, 3), np.float32)
+    radiance[90, 6, channel] = radiance[95, 11, channel] = 1
+    image = one(build_distribution(device, EnvironmentMap(radiance)), 1000, 60, estimator="product")
+    expected = exact(radiance, 60)[..., channel]
+    seen = expected > 1e-6 * expected.max()
+    np.testing.assert_allclose(image[..., channel][seen], expected[seen], rtol=0.5)
