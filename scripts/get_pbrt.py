@@ -32,9 +32,9 @@ def installed(folder: Path) -> "Pbrt | None":
 def main() -> None:
     """Have cargo build it, unless it is there."""
     parser = argparse.ArgumentParser(
-        description="Install pbrt-r4, a port of PBRT-v4 in Rust, into lightdome's cache, where part 4, the benchmark and"
-        " the report find it. Needs cargo and a network; takes about five minutes on two cores. To remove it, delete the"
-        " folder that it names.",
+        description="Install pbrt-r4, a port of PBRT-v4 in Rust, into lightdome's cache, where part 4, the benchmark"
+        " and the report find it. Needs cargo and a network; takes about five minutes on two cores. To remove it,"
+        " delete the folder that it names.",
         epilog="example: scripts/get_pbrt.py --out ~/pbrt",
     )
     parser.add_argument(

@@ -580,14 +580,8 @@ def stand_in_pbrt(patch: pytest.MonkeyPatch) -> list[Path | None]:
     """A PBRT whose images are even: where it was looked for."""
     asked: list[Path | None] = []
 
-    class Program:
-        version = 4
-
-        def __str__(self) -> str:
-            return "the stand-in"
-
     even = np.full((12, 12, 3), 0.25, np.float32)
-    patch.setattr(pbrt, "find_pbrt", lambda path: asked.append(path) or Program())
+    patch.setattr(pbrt, "find_pbrt", lambda path: asked.append(path) or pbrt.Pbrt(Path("the stand-in"), 4))
     patch.setattr(pbrt, "render", lambda _, scenes: iter({s.spp: (s.spp, even) for s in scenes}.values()))
     return asked
 
@@ -610,7 +604,7 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
         assert bool(asked) == by_pbrt
         asked.clear()
         assert (ran.image("sphere_1spp.pfm") == 0.25).all() == by_pbrt
-        assert ("renderer: the stand-in" if by_pbrt else "renderer: opencl") in ran.said
+        assert ("renderer: PBRT-v4 (the stand-in)" if by_pbrt else "renderer: opencl") in ran.said
         assert ran.json()["pbrt"] == ("PBRT-v4" if by_pbrt else None)
 
     def missing(path: Path | None) -> None:
