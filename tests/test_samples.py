@@ -147,3 +147,14 @@ def test_what_is_no_file_of_samples_is_refused(tmp_path: Path, name: str) -> Non
     (tmp_path / "single.npy").rename(tmp_path / "single.npz")
     with pytest.raises(LightdomeError, match=name):
         Samples.load(tmp_path / name)
+
+
+@pytest.mark.parametrize(("axis", "value"), [(0, 43), (1, 21), (0, -1), (1, -1)])
+def test_a_pixel_just_beyond_an_edge_of_the_map_is_refused_and_named(
+    samples: Samples, saved: Path, axis: int, value: int
+) -> None:
+    pixel = samples.pixel.copy()
+    pixel[7, axis] = value
+    rewrite(saved, pixel=pixel)
+    with pytest.raises(LightdomeError, match=r"outside the map \(sample 7\)"):
+        Samples.load(saved)

@@ -118,7 +118,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "roofline.py": (*SHOWN, "test_roofline.py"),
     "roofline_plot.py": (*SHOWN, "test_roofline.py"),
     "roofline_stages.py": ("test_roofline.py",),
-    "samples.py": ("test_samples.py", "test_checks.py"),
+    "samples.py": ("test_samples.py", "test_checks.py", "test_sphere.py"),
     "settings.py": ("test_settings.py", "test_report.py"),
     "sphere.py": SPHERE,
     "stability.py": (*SHOWN, "test_stability.py"),
@@ -454,7 +454,7 @@ FAULTS: list[Fault] = [
     kernel(
         "exact_areas: a power is left out",
         "exact_areas.cl",
-        "    sum = FMA(t, sum, (pixels)(c.s4));\n",
+        "    sum = FMA(t, sum, (pixels)(c.s2));\n",
         "",
         "a coefficient forgotten",
     ),
