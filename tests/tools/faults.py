@@ -97,7 +97,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "harmonics.py": ("test_harmonics.py", "test_launches.py"),
     "horizon.py": SPHERE,
     "images.py": ("test_images.py", "test_banded.py"),
-    "interrupts.py": ("test_interrupted.py::test_a_signal_is_heard_in_a_long_call_into_a_library",),
+    "interrupts.py": ("test_interrupted.py::test_the_exit_status_says_which_signal_ended_a_script",),
     "lights.py": ("test_lights.py",),
     "markers.py": ("test_scripts.py",),
     "mediancut.py": CUT,
