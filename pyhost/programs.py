@@ -97,6 +97,10 @@ class Programs:
         """How many kernels there are."""
         return sum(file.name.endswith(".cl") for file in resources.files("lightdome.clkernels").iterdir())
 
+    def text(self, name: str) -> str:
+        """What the kernel ``name`` is compiled from: ``clkernels/name.cl`` with all its headers."""
+        return source(f"{name}.cl")
+
     def check_process(self) -> None:
         """Raise :class:`LightdomeError` in a process that was forked from the one that opened the device."""
         check_process(self._process)
@@ -111,7 +115,7 @@ class Programs:
         if key not in self._kernels:
             of_all = {**self._defines, **defines}
             options = ["-cl-std=CL1.2", *(f"-D{define}={value}" for define, value in sorted(of_all.items()))]
-            program = cl.Program(self._context, source(f"{name}.cl"))
+            program = cl.Program(self._context, self.text(name))
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", cl.CompilerWarning)  # chatter of a build that went well
                 try:

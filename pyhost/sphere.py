@@ -189,17 +189,20 @@ def shade_samples(device: Device, samples: Samples, resolution: int = 511, albed
 # Part of the key of kept images: change it when the camera or a map's orientation changes.
 CONVENTION = "row 0 up, phi from +x to +z, camera along -z"
 PIXELS = ("centres", "areas")
+KERNELS = {"centres": "exact", "areas": "exact_areas"}  # that add up the arcs of rows
 
 
 def exact_kept(
     device: Device, envmap: EnvironmentMap, resolution: int = 511, pixels: Literal["centres", "areas"] = "centres"
 ) -> np.ndarray:
-    """:func:`exact` with albedo 1, from the cache on disk if the same map was summed before."""
+    """:func:`exact` with albedo 1, from the cache on disk if the same kernels have summed the same map before."""
     checks.instance("the device", device, Device)
     checks.instance("the map", envmap, EnvironmentMap)
     resolution = check_resolution(resolution)
     checks.choice("pixels", pixels, PIXELS)
-    key = key_of(CONVENTION, __version__, pixels, str(resolution), str(envmap.radiance.shape), envmap.radiance.data)
+    kernels = [device.programs.text(name) for name in ("arc_sums", KERNELS[pixels])]
+    of_map = str(envmap.radiance.shape), envmap.radiance.data
+    key = key_of(CONVENTION, __version__, *kernels, pixels, str(resolution), *of_map)
     shape = (resolution, resolution, 3)
     return remembered("exact", key, lambda: exact(device, envmap, resolution, pixels=pixels), shape)
 
@@ -258,7 +261,7 @@ def exact(
 
     defines = {"GREY": 1} if grey else {}
     sums = device.kernel("arc_sums", **defines)
-    kernel = device.kernel("exact_areas" if areas else "exact", PIXELS=lanes, **defines)
+    kernel = device.kernel(KERNELS[pixels], PIXELS=lanes, **defines)
     with Progress("summing the map") as progress:
         for first in range(0, height, band):
             count = min(band, height - first)

@@ -193,3 +193,10 @@ def test_a_pbrt_that_is_named_is_a_peer(script: Script, tmp_path: Path) -> None:
     result = script("bench", "--map", tmp_path / "map.pfm", *options, "--pbrt", tmp_path, "--out", tmp_path / "out")
     assert result.returncode == 0, result.stderr
     assert f"peer pbrt {tmp_path}: absent (no program pbrt, pbrt-r4, pbrt-r3 in the folder {tmp_path}" in result.stdout
+
+
+def test_a_method_is_random_if_another_seed_gives_another_image(device: Device) -> None:
+    found = benchmark.methods(device, EnvironmentMap(stiff_radiance(9, 14)), 40)
+    for name, method in found.items():
+        images = [method.run(4, seed) for seed in (1, 2)]
+        assert method.random == (not np.array_equal(*images)), name

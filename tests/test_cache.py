@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import stiff_radiance
 from lightdome import sphere
 from lightdome.cache import key_of
 from lightdome.device import Device
 from lightdome.envmap import EnvironmentMap
+from lightdome.programs import Programs
 
 
 @pytest.fixture
@@ -43,6 +46,36 @@ def test_another_map_resolution_integral_or_convention_is_another_image(
     monkeypatch.setattr(sphere, "CONVENTION", "upside down")
     sphere.exact_kept(device, EnvironmentMap(np.ones((4, 8, 3))), 5)
     assert calls == [5, 5, 5, 6, 5, 5]
+
+
+@pytest.mark.parametrize(
+    ("kernel", "text", "other"),
+    [
+        ("arc_sums", "const float s = scale[y];", "const float s = 2.0f * scale[y];"),
+        ("exact", "float3 rgb = light_of(", "float3 rgb = 2.0f * light_of("),
+        ("exact_areas", "float3 rgb = light_of(", "float3 rgb = 2.0f * light_of("),
+        ("exact", "return (float3)(a, b, c2", "return (float3)(a, -b, c2"),
+    ],
+    ids=["of both", "of centres", "of areas", "a header"],
+)
+def test_an_image_of_other_kernels_is_not_used(
+    device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, kernel: str, text: str, other: str
+) -> None:
+    class Changed(Programs):
+        def text(self, name: str) -> str:
+            assert name != kernel or text in super().text(name)
+            return super().text(name).replace(text, other) if name == kernel else super().text(name)
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    envmap = EnvironmentMap(stiff_radiance(9, 14))
+    changed = replace(device, programs=Changed(device.context, FUSED=1))
+    for pixels in sphere.PIXELS:
+        kept = sphere.exact_kept(device, envmap, 5, pixels)
+        again = sphere.exact_kept(changed, envmap, 5, pixels)
+        np.testing.assert_array_equal(again, sphere.exact(changed, envmap, 5, pixels=pixels))
+        is_concerned = kernel in ("arc_sums", sphere.KERNELS[pixels])
+        assert np.allclose(again, kept) != is_concerned
+        np.testing.assert_array_equal(sphere.exact_kept(device, envmap, 5, pixels), kept)
 
 
 def test_a_damaged_image_is_computed_again(device: Device, calls: list[int], tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -180,6 +181,25 @@ def test_the_fastest_device_is_taken(device: Device, monkeypatch: pytest.MonkeyP
         assert open_device() == taken
         for record in tmp_path.rglob("*.json"):
             record.unlink()
+
+
+@pytest.mark.parametrize("asked", [None, "driver"])
+def test_the_order_of_devices_does_not_choose(
+    device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, asked: str | None
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv("PYOPENCL_CTX", raising=False)
+    # An old implementation, one that is newer and slower, the fastest, and one that does not work.
+    kinds = (replace(FAST, fused=5e10, plain=5e10), replace(FAST, fused=4e10, plain=4e10), FAST, "broken")
+    for devices in permutations(kinds):
+        for record in tmp_path.rglob("*.json"):
+            record.unlink()
+        Machine(device.handle, monkeypatch, *devices)
+        for _ in range(2):  # from new probes, and from what is remembered
+            assert open_device(asked) == devices.index(FAST)
+        for number, does in enumerate(devices):
+            if does != "broken":
+                assert open_device(f"driver {number}") == number
 
 
 def test_a_failure_is_remembered_for_a_day_where_another_device_works(

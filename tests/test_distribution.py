@@ -182,17 +182,6 @@ def test_a_bright_pixel_does_not_spoil_its_neighbours(device: Device) -> None:
     np.testing.assert_allclose(samples.probability, reference.probability(radiance)[y, x], rtol=1e-6)
 
 
-def test_many_samples_are_the_same_as_few_in_one_launch(
-    device: Device, stiff: EnvironmentMap, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    distribution = build_distribution(device, stiff)
-    for sequence in SEQUENCES:
-        whole = distribution.sample(1000, 3, sequence).pixel
-        with monkeypatch.context() as patch:
-            patch.setattr(distribution_module, "SAMPLES_A_LAUNCH", 300)
-            np.testing.assert_array_equal(distribution.sample(1000, 3, sequence).pixel, whole)
-
-
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (3, 1), (21, 43), (5, 300), (64, 128)])
 def test_guided_searches_end_where_plain_ones_do(
     device: Device, shape: tuple[int, int], monkeypatch: pytest.MonkeyPatch
@@ -293,12 +282,33 @@ def test_no_kernel_writes_a_guide_that_may_be_gone(device: Device, monkeypatch: 
     assert all(event.command_execution_status == cl.command_execution_status.COMPLETE for event in events)
 
 
-@pytest.mark.parametrize("factor", [2.0**-100, 1.0, 2.0**100])
-def test_many_pixels_alone_have_the_probabilities_of_samples_on_any_scale(
-    device: Device, stiff: EnvironmentMap, factor: float
-) -> None:
-    distribution = build_distribution(device, EnvironmentMap(stiff.radiance * np.float32(factor)))
+@pytest.mark.parametrize("peak", [2.0**-100, 1.0, 3e38])
+def test_many_pixels_alone_probabilities_and_flux_are_right_on_any_scale(device: Device, peak: float) -> None:
+    radiance = np.float32(peak) * np.random.default_rng(0).random((21, 43, 3), np.float32)
+    distribution = build_distribution(device, EnvironmentMap(radiance))
+    assert distribution.flux == pytest.approx(reference.flux(radiance), rel=1e-6)
     samples = distribution.sample(2000, 5)
     pixel, probability = distribution.sample_pixels(2000, 5)
     np.testing.assert_array_equal(pixel, samples.pixel)
     np.testing.assert_array_equal(probability, samples.probability)
+    np.testing.assert_allclose(probability, reference.probability(radiance)[pixel[:, 1], pixel[:, 0]], rtol=2e-6)
+
+
+def test_samples_know_what_drew_them(device: Device, stiff: EnvironmentMap) -> None:
+    distribution = build_distribution(device, stiff)
+    for seed, sequence in zip((0, 7, 2**40, 2**64 - 1), SEQUENCES, strict=True):
+        samples = distribution.sample(3, seed, sequence)
+        assert (samples.seed, samples.sequence, samples.map_shape) == (seed, sequence, (21, 43))
+        np.testing.assert_array_equal(distribution.sample(3, samples.seed, samples.sequence).pixel, samples.pixel)
+
+
+@pytest.mark.parametrize("shape", [(1, 7), (37, 61), (499, 17), (17, 3001)])
+def test_the_flux_keeps_what_lies_far_below_the_total(device: Device, shape: tuple[int, int]) -> None:
+    # In whole numbers of one row's light: what it should be is exact, and a sun is 2^33 of the least.
+    rng = np.random.default_rng(shape[1])
+    radiance = np.ldexp(rng.integers(1, 8, (*shape, 3)), rng.integers(-30, 0, (*shape, 1))).astype(np.float32)
+    radiance[shape[0] // 2, 3] = 8
+    distribution = build_distribution(device, EnvironmentMap(radiance))
+    sine = np.sin(np.pi / shape[0] * (np.arange(shape[0]) + 0.5)).astype(np.float32).astype(np.float64)
+    expected = math.fsum((radiance.sum(axis=2, dtype=np.float64) * sine[:, None]).ravel())
+    assert distribution.total == pytest.approx(expected, rel=1e-12)

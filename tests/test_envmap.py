@@ -242,3 +242,12 @@ def test_flipped_rows_come_in_reverse(tmp_path: Path) -> None:
         write_image(tmp_path / name, radiance)
         np.testing.assert_array_equal(EnvironmentMap.read(tmp_path / name, flip=True).radiance, radiance[::-1])
         np.testing.assert_array_equal(read_image(tmp_path / name, flip=True), radiance[::-1])
+
+
+@pytest.mark.parametrize("at", [(0, 0), (0, 7), (3, 2)])
+@pytest.mark.parametrize("channel", range(3))
+def test_one_coloured_pixel_makes_a_map_coloured(at: tuple[int, int], channel: int) -> None:
+    radiance = np.repeat(np.random.default_rng(0).random((4, 8, 1), np.float32), 3, axis=2)
+    assert EnvironmentMap(radiance).is_grey
+    radiance[(*at, channel)] += 1
+    assert not EnvironmentMap(radiance).is_grey

@@ -139,6 +139,33 @@ def test_below_1_the_two_sides_swap() -> None:
     assert thin.schlick_leaving_max_abs_error == pytest.approx(thick.schlick_entering_max_abs_error)
 
 
+@pytest.mark.parametrize("eta", [0.625, 1.05, 1.4, 2.4])
+def test_every_number_of_a_summary_is_that_of_its_own_side(eta: float) -> None:
+    values = asdict(summarise(eta))
+    assert values.pop("eta") == eta
+    r0 = ((eta - 1) / (eta + 1)) ** 2
+    expected = {"normal_reflectance_p": r0, "normal_reflectance_s": r0, "schlick_r0": r0}
+    for side, n_i, n_t in (("entering", 1.0, eta), ("leaving", eta, 1.0)):
+        theta = np.linspace(0, RIGHT, 20_001)
+        if n_t < n_i:
+            theta = np.append(theta, math.asin(n_t / n_i))  # where the error has a corner
+        exact = np.mean([[float(r) for r in textbook(a, n_i, n_t)] for a in theta[::50]], axis=1)
+        np.testing.assert_allclose(unpolarised(theta[::50], n_i, n_t), exact, atol=1e-13)
+        error = np.abs(r0 + (1 - r0) * (1 - np.cos(theta)) ** 5 - unpolarised(theta, n_i, n_t))
+        expected |= {
+            f"brewster_{side}_deg": math.degrees(math.atan(n_t / n_i)),
+            f"critical_{side}_deg": math.degrees(math.asin(n_t / n_i)) if n_t < n_i else None,
+            f"schlick_{side}_max_abs_error": error.max(),
+            f"schlick_{side}_max_abs_error_at_deg": math.degrees(theta[error.argmax()]),
+        }
+    assert values.keys() == expected.keys()
+    for name, value in values.items():
+        if expected[name] is None:
+            assert value is None, name
+        else:
+            assert value == pytest.approx(expected[name], rel=1e-6, abs=0.01 if name.endswith("at_deg") else 0), name
+
+
 def test_equal_indices_have_neither_special_angle() -> None:
     values = asdict(summarise(1))
     missing = [name for name, value in values.items() if value is None]

@@ -139,13 +139,16 @@ def test_scaling_the_map_scales_the_coefficients(device: Device, power: int) -> 
 
 
 def test_pixels_beside_a_bright_one_keep_their_light(device: Device) -> None:
-    # A wide row: sums along it keep what float32 alone would lose.
-    radiance = np.full((8, 6000, 3), 1e-3, np.float32)
-    radiance[4, 77] = 3e3
-    light = radiance * reference.pixel_solid_angles(8, 6000)[..., None]
-    expected = light.sum(axis=(0, 1)) * np.sqrt(1 / (4 * np.pi))
-    found = project(device, EnvironmentMap(radiance), 0).coefficients[0]
-    np.testing.assert_allclose(found, expected, rtol=5e-7)
+    # A wide row: sums along it keep what float32 alone would lose, for every coefficient.
+    radiance = np.full((3, 60001, 3), 1e-3, np.float32)
+    radiance[:, :15000] = 3e-3
+    radiance[1, 77] = 3e3
+    light = radiance * reference.pixel_solid_angles(3, 60001)[..., None]
+    expected = np.einsum("yxk,yxc->kc", nine(reference.directions(3, 60001)), light)
+    expected[0] = light.sum(axis=(0, 1)) * np.sqrt(1 / (4 * np.pi))  # the printed factors have six digits
+    found = project(device, EnvironmentMap(radiance), 2).coefficients
+    np.testing.assert_allclose(found[0], expected[0], rtol=5e-7)
+    np.testing.assert_allclose(found, expected, atol=3e-6 * np.abs(expected).max())
 
 
 def test_a_black_map_gives_black(device: Device) -> None:

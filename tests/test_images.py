@@ -102,6 +102,18 @@ def test_auto_exposure_ignores_the_black_background() -> None:
     assert auto_exposure(image * 0) == 1
 
 
+@pytest.mark.parametrize("channel", [0, 1, 2])
+def test_auto_exposure_makes_the_95th_percentile_of_the_largest_channel_white(channel: int) -> None:
+    levels = np.random.default_rng(4).permutation(np.arange(1, 202))  # the 95th percentile of 1 .. 201 is 191
+    image = np.zeros((3, 101, 3), np.float32)
+    image.reshape(-1, 3)[:201, channel] = levels
+    image[..., (channel + 1) % 3] = image[..., channel] / 4
+    image[2, 5] = np.inf
+    assert 1 / auto_exposure(image) == pytest.approx(191)
+    for scale in (1e-3, 1e3):
+        assert auto_exposure(image * np.float32(scale)) * scale == pytest.approx(1 / 191)
+
+
 @pytest.mark.parametrize(
     ("name", "content"), [("a.pfm", pfm(IMAGE)), ("a.exr", exr(IMAGE)), ("a.hdr", hdr(IMAGE, b"-Y 2 +X 4"))]
 )

@@ -240,6 +240,31 @@ def test_a_signal_does_not_reach_a_compiler_s_children(
     run.send(process, number)
 
 
+LOOP = """
+import time
+from lightdome import cli
+
+def main():
+    print("now")
+    while True:
+        time.sleep(0.01)
+
+cli.run(main)
+"""
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_the_exit_status_says_which_signal_ended_a_script(number: signal.Signals, status: int, tmp_path: Path) -> None:
+    script = tmp_path / "endless.py"
+    script.write_text(LOOP)
+    with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout.readline() == b"now\n"
+        process.send_signal(number)
+        _, errors = process.communicate(timeout=LONG)
+    assert process.returncode == status
+    assert errors == (b"\nendless: interrupted\n" if number == signal.SIGINT else b"")
+
+
 LONG_CALL = """
 import sys, time
 import numpy as np

@@ -203,3 +203,22 @@ def test_errors_on_grace(device: Device, grace: EnvironmentMap) -> None:
         lights = median_cut(distribution, count)
         error = reference.relative_rmse(shade(device, lights.direction, lights.flux, 127), target)
         assert error == pytest.approx(known, rel=0.1)
+
+
+@pytest.mark.parametrize("step", [1, -1])
+def test_a_pixel_far_below_the_total_is_still_lit(device: Device, step: int) -> None:
+    # Each pixel is 2^-5 of the one before it, or after it, down to 2^-60 of the total. Some lie in whole vectors.
+    radiance = np.zeros((1, 25, 3), np.float32)
+    radiance[0, ::2] = np.ldexp(1.0, -5 * np.arange(13))[::step, None]
+    for scale in (1, 2.0**-60, 2.0**50):
+        found = regions(build_distribution(device, EnvironmentMap(radiance * np.float32(scale))), 13)
+        assert (sums(found, radiance[..., 0] > 0) == 1).all()
+        assert len(found) == 13
+
+
+def test_beside_a_sun_a_region_keeps_the_flux_of_its_other_pixels(device: Device) -> None:
+    radiance = np.full((3, 6000, 3), 1e-3, np.float32)
+    radiance[1, 5] = 3e3
+    lights = median_cut(build_distribution(device, EnvironmentMap(radiance)), 1)
+    expected = radiance * reference.pixel_solid_angles(3, 6000)[..., None]
+    np.testing.assert_allclose(lights.flux[0], expected.sum(axis=(0, 1)), rtol=1e-7)

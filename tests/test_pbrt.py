@@ -168,6 +168,18 @@ def test_scenes_name_maps_beside_them_and_undo_their_scale(tmp_path, peak):
     np.testing.assert_allclose(square.mean(axis=(0, 1)), mean, rtol=1e-6)
 
 
+@pytest.mark.parametrize("peak", [1.0, 1e-40])
+def test_a_written_scene_holds_all_that_it_was_asked_for(tmp_path, peak):
+    envmap = EnvironmentMap(np.full((4, 8, 3), peak, np.float32))
+    scenes = write_scenes(tmp_path, envmap, [2, 5], resolution=9, albedo=0.25, seed=77)
+    assert sorted((s.version, s.spp) for s in scenes) == [(3, 2), (3, 5), (4, 2), (4, 5)]
+    for s in scenes:
+        assert s.resolution == 9
+        assert s.path.read_text() == scene_text(s.version, s.spp, 9, 0.25, seed=77, exponent=s.exponent)
+        assert (s.exponent != 0) == (peak != 1)
+    assert [s.version for s in write_scenes(tmp_path, envmap, [2], versions=[3])] == [3]
+
+
 BANNER = "pbrt version 4 (built today)\nCopyright (c)\nSee the file LICENSE.txt"
 PORT = "import sys; print('pbrt-r4 4.5.2' if sys.argv[1:] == ['--version'] else 'Usage: pbrt-r4 [OPTIONS]')\n"
 ANSWER = f"import sys\nprint({BANNER!r}, flush=True)\nif len(sys.argv) == 1:\n    sys.exit(1)\n"

@@ -212,6 +212,37 @@ if "--outfile" in sys.argv:
 """
 
 
+SEEDED_PBRT = f"""{PYTHON_PROGRAM}import shutil, sys
+print("pbrt version VERSION", flush=True)
+if "--outfile" in sys.argv:
+    scene, target = open(sys.argv[-1]).read().split(), sys.argv[sys.argv.index("--outfile") + 1]
+    size = scene[scene.index('xresolution"') + 1].strip("[]")
+    seed = scene[scene.index('seed"') + 1].strip("[]") if 'seed"' in scene else "0"
+    shutil.copy(f"FOLDER/{{size}}_{{seed}}{{target[-4:]}}", target)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="the stand-in for pbrt is an executable script")
+def test_a_peer_is_random_if_another_seed_gives_another_image(tmp_path: Path, blocks: EnvironmentMap) -> None:
+    for size in (1, 8):
+        for seed in range(3):
+            for suffix in (".pfm", ".exr"):
+                write_image(tmp_path / f"{size}_{seed}{suffix}", np.full((size, size, 3), 1 + seed, np.float32))
+    programs = []
+    for version in (3, 4):
+        programs.append(tmp_path / f"pbrt{version}")
+        programs[-1].write_text(SEEDED_PBRT.replace("VERSION", str(version)).replace("FOLDER", str(tmp_path)))
+        programs[-1].chmod(0o755)
+    found = peers.find(["numpy", "pbrt"], blocks, 8, programs)
+    assert set(found.methods) == {"numpy", "pbrt-v3", "pbrt-v4"}, found.absent
+    for name, method in found.methods.items():
+        first, second = method.run(4, 1), method.run(4, 2)
+        assert method.random == (not np.array_equal(first, second)), name
+    assert not found.methods["pbrt-v3"].random
+    point = measure(found.methods["pbrt-v3"], 4, seeds=3, repeats=1, reference=np.ones((8, 8, 3)))
+    assert point.seeds == 1
+
+
 @pytest.mark.skipif(os.name != "posix", reason="the stand-in for pbrt is an executable script")
 def test_pbrts_time_has_its_start_up_apart(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, blocks: EnvironmentMap

@@ -388,7 +388,8 @@ def test_the_product_draws_both_ends_of_a_cell_whatever_their_colour(device: Dev
     # A cell has 6 x 6 pixels. The lamps in two of its corners set over different normals.
     radiance = np.zeros((192, 384, 3), np.float32)
     radiance[90, 6, channel] = radiance[95, 11, channel] = 1
-    image = one(build_distribution(device, EnvironmentMap(radiance)), 1000, 60, estimator="product")
-    expected = exact(radiance, 60)[..., channel]
+    distribution = build_distribution(device, EnvironmentMap(radiance))
+    image = one(distribution, 1000, 60, estimator="product")
+    expected = exact_image(device, distribution.envmap, 60)[..., channel]
     seen = expected > 1e-6 * expected.max()
     np.testing.assert_allclose(image[..., channel][seen], expected[seen], rtol=0.5)

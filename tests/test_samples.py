@@ -86,9 +86,7 @@ def rewrite(path: Path, **changes: Any) -> None:
         ({"direction": np.zeros((50, 4), np.float32)}, "shape"),
         ({"direction": np.zeros((50, 3), np.float32)}, "not that of its pixel"),
         ({"radiance": np.zeros((50, 3), np.int32)}, "wrong type"),
-        ({"radiance": np.full((50, 3), np.nan, np.float32)}, "radiance is negative, infinite or NaN"),
         ({"probability": np.zeros(50, np.float32)}, "probability"),
-        ({"probability": np.full(50, np.nan, np.float32)}, "probability"),
         ({"pixel": np.full((50, 2), 43, np.int32)}, "outside the map"),
         ({"pixel": np.full((50, 2), -1, np.int32)}, "outside the map"),
         ({"map_shape": np.array([0, 0])}, "no map"),
@@ -101,6 +99,23 @@ def test_arrays_that_contradict_each_other_are_refused(saved: Path, changes: dic
     rewrite(saved, **changes)
     with pytest.raises(LightdomeError, match=message):
         Samples.load(saved)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, -1.0])
+@pytest.mark.parametrize("at", [0, 49])
+@pytest.mark.parametrize("name", ["direction", "radiance", "probability"])
+def test_one_value_that_is_no_light_is_refused(samples: Samples, saved: Path, name: str, at: int, value: float) -> None:
+    if name == "direction" and value == -1:
+        value = -1.5
+    for channel in range(3 if name != "probability" else 1):
+        array = getattr(samples, name).astype(np.float64)
+        array.reshape(50, -1)[at, channel] = value
+        for stored in (array, array.astype(np.float32)):
+            rewrite(saved, **{name: stored})
+            with pytest.raises(LightdomeError, match=rf"{name} is n.*\(sample {at}\)"):
+                Samples.load(saved)
+        with pytest.raises(LightdomeError, match=name):
+            Samples(**{**vars(samples), name: array})
 
 
 def test_no_samples_at_all_are_refused(saved: Path) -> None:
@@ -147,3 +162,14 @@ def test_what_is_no_file_of_samples_is_refused(tmp_path: Path, name: str) -> Non
     (tmp_path / "single.npy").rename(tmp_path / "single.npz")
     with pytest.raises(LightdomeError, match=name):
         Samples.load(tmp_path / name)
+
+
+@pytest.mark.parametrize(("axis", "value"), [(0, 43), (1, 21), (0, -1), (1, -1)])
+def test_a_pixel_just_beyond_an_edge_of_the_map_is_refused_and_named(
+    samples: Samples, saved: Path, axis: int, value: int
+) -> None:
+    pixel = samples.pixel.copy()
+    pixel[7, axis] = value
+    rewrite(saved, pixel=pixel)
+    with pytest.raises(LightdomeError, match=r"outside the map \(sample 7\)"):
+        Samples.load(saved)

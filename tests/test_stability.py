@@ -203,6 +203,16 @@ def test_a_defect_fails_the_columns_that_it_concerns(
     assert missed or not Result("broken", "", "", figures).failures
 
 
+@pytest.mark.parametrize("sequence", ["stratified", "sobol", "r2"])
+def test_draws_that_are_too_even_for_chance_fail(device: Device, stiff: EnvironmentMap, sequence: str) -> None:
+    class Even(Lightdome):
+        def draw(self, count: int, seed: int) -> Samples:
+            return self.distribution.sample(count, seed, sequence)
+
+    figures = measure(Even(build_distribution(device, stiff)), Truth(stiff.radiance), DRAWS)
+    assert Result("even", "", "", figures).failures == ["chi2"]
+
+
 def test_a_wrong_flux_fails(device: Device, stiff: EnvironmentMap) -> None:
     sampler = Lightdome(build_distribution(device, stiff))
     sampler.flux *= 1 + 3e-6
