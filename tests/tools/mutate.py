@@ -1,7 +1,7 @@
 """Put small faults into the code, one at a time, and see whether the tests notice.
 
     python tests/tools/mutate.py                     # all faults: half an hour
-    python tests/tools/mutate.py median seed         # those with one of these words in their names
+    python tests/tools/mutate.py cells.cl seed       # those in this file, and those with this word in their names
     python tests/tools/mutate.py --area scripts --out table.txt
 
 The faults are in faults.py. Each is put into a copy of the clone with an environment of its own, where the tests that
@@ -253,7 +253,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description="Put small faults into a copy of the code, one at a time, and see whether the tests notice."
     )
-    parser.add_argument("names", nargs="*", metavar="NAME-PART", help="a part of the faults' names (default: all)")
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME-PART", help="a part of a file's or a fault's name (default: all)"
+    )
     parser.add_argument("--area", choices=AREAS, help="faults of this area alone")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the table there too")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="copies to test in side by side (default: 1)")
@@ -262,7 +264,7 @@ def main() -> int:
     faults = [
         fault
         for fault in FAULTS
-        if (not args.names or any(part in fault.name for part in args.names))
+        if (not args.names or any(part in f"{fault.file}: {fault.name}" for part in args.names))
         and (not args.area or fault.area == args.area)
     ]
     if args.list:
@@ -270,7 +272,7 @@ def main() -> int:
             print(f"{fault.file:<22}{fault.name:<58}{fault.why}")
         return 0
     if not faults:
-        parser.error("no fault has such a name")
+        parser.error("no fault or file has such a name")
     verdicts: list[Verdict] = []
     with tempfile.TemporaryDirectory(prefix="lightdome-faults-", ignore_cleanup_errors=True) as folder:
         try:
