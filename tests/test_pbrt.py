@@ -453,7 +453,7 @@ def test_a_program_that_is_not_executable_is_named(tmp_path, monkeypatch):
 def test_a_render_is_given_up_once_it_stands_still(tmp_path, scene, monkeypatch, bar):
     monkeypatch.setattr("lightdome.pbrt.STILL", 0.3)
     moves = "for i in range(3):\n    print('Rendering: [%s]' % ('+' * i).ljust(9), flush=True)\n    time.sleep(0.1)\n"
-    body = "import time\n" + (moves if bar else "") + "time.sleep(600)\n"
+    body = "import time\n" + (moves if bar else "") + "time.sleep(60)\n"
     with pytest.raises(LightdomeError, match=r"was stopped: 2 spp stood still for \d+ s; try the scene"):
         render_scene(Pbrt(stand_in(tmp_path, body), 4), scene)
 
@@ -462,7 +462,7 @@ def test_a_render_is_given_up_once_it_stands_still(tmp_path, scene, monkeypatch,
 def test_a_closed_terminal_ends_pbrt_too(tmp_path):
     """SIGHUP, for which nothing else would stop a program in a session of its own."""
     os.mkfifo(tmp_path / "pipe")
-    hangs = ANSWER + f"import time\nwith open({str(tmp_path / 'pipe')!r}, 'w') as pipe:\n    time.sleep(600)\n"
+    hangs = ANSWER + f"import time\nwith open({str(tmp_path / 'pipe')!r}, 'w') as pipe:\n    time.sleep(60)\n"
     write_image(tmp_path / "map.exr", np.ones((4, 8, 3), np.float32))
     temporary = tmp_path / "temporary"
     temporary.mkdir()
@@ -517,7 +517,7 @@ def test_part_4_tells_of_a_wrong_image_and_of_no_cargo(tmp_path, script):
 
 @posix
 def test_get_pbrt_has_cargo_install_the_port_where_part_4_finds_it(tmp_path, script):
-    """Cargo fails the first time, then installs; the third time nothing is left to do."""
+    """Cargo fails the first time, then installs in the place of an older one; the third time nothing is left to do."""
     body = f"""import sys, pathlib
 print("compiling", file=sys.stderr)
 folder = pathlib.Path(sys.argv[sys.argv.index("--root") + 1], "bin")
@@ -532,6 +532,8 @@ port.chmod(0o755)
     assert failed.returncode == 1
     assert failed.stderr.splitlines()[-1].startswith("get_pbrt: cargo did not install pbrt-r4")
     stand_in(tmp_path, body, "cargo")
+    (tmp_path / "cache" / "lightdome" / "pbrt" / "bin").mkdir(parents=True)
+    stand_in(tmp_path / "cache" / "lightdome" / "pbrt" / "bin", PORT.replace("4.5.2", "4.5.1"), "pbrt-r4")
     done = script("get_pbrt", **found)
     assert done.returncode == 0, done.stderr
     assert f"installed pbrt-r4 4.5.2: {tmp_path / 'cache'}" in done.stdout
