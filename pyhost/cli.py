@@ -30,7 +30,10 @@ if TYPE_CHECKING:
 
 
 def run(main: Callable[[], None]) -> NoReturn:
-    """Run ``main`` and exit: 0 on success, 1 with one line on a user's mistake, 130 on Ctrl-C, 143 on SIGTERM."""
+    """Run ``main`` and exit: 0 on success, 1 with one line on a user's mistake.
+
+    A signal ends it with 130 (Ctrl-C), 143 (SIGTERM) or 129 (SIGHUP).
+    """
     for stream in ("stdout", "stderr"):
         if getattr(sys, stream) is None:  # closed by who started us
             setattr(sys, stream, open(os.devnull, "w"))  # noqa: PTH123, SIM115 - until we exit

@@ -14,8 +14,8 @@ film turns it back. White comes back exactly; the weak channels of a strong colo
 The sampler is PBRT-v4's best, zsobol, for powers of two and Halton for other numbers of samples; in
 PBRT-v3 only Halton can keep to the centres of pixels.
 
-``pbrt-r4`` and ``pbrt-r3`` are ports in Rust that take the same scenes. The second has no seed either, and its images
-differ from run to run unless it has one thread.
+``pbrt-r4`` and ``pbrt-r3`` are ports to Rust that take the same scenes. Like PBRT-v3, pbrt-r3 has no seed; with more
+than one thread its images differ from run to run.
 
 A program that ends well may still have drawn something else: PBRT-v3 renders white light where it cannot read its
 map. So what it prints counts too: an error fails the run, and warnings are logged (:mod:`logging`, ``lightdome.pbrt``).
@@ -64,8 +64,8 @@ NAMES = ("pbrt", *PORTS)  # in the order in which they are looked for
 ELSE = "or render with --renderer opencl"
 GET = "scripts/get_pbrt.py"
 
-# A render is given up when it stands still. One that draws PBRT's bar does so once the bar has not moved for STILL
-# seconds, and ten times its longest step so far; one without a bar, after STILL and some ten times what it should need.
+# When a render is given up. With PBRT's progress bar: when the bar has not moved for STILL seconds plus ten times its
+# longest step so far. Without: after STILL seconds plus about ten times the expected time.
 STILL = 60.0
 SECONDS_A_SAMPLE = 3e-5  # pbrt-r4 takes 3e-6 on one core
 
@@ -138,6 +138,11 @@ class Pbrt:
         return self.version > 3
 
     @property
+    def is_random(self) -> bool:
+        """Whether two runs can differ: with another seed, or of pbrt-r3, by the order of its threads."""
+        return self.has_seed or self.port is not None
+
+    @property
     def image_suffix(self) -> str:
         """The format in which its image loses nothing."""
         return ".exr" if self.port else IMAGE_SUFFIX[self.version]
@@ -193,20 +198,21 @@ def find_pbrt(path: str | Path | None = None, timeout: float = 20.0) -> Pbrt:
 
 def _locate(path: Path | None) -> Path:
     if path is None:
-        if found := _first_program(os.environ.get("PATH", os.defpath)):
+        folders = os.environ.get("PATH", os.defpath)
+        if found := _first_program(folders, NAMES):
             return found
         port = installed_port()
         if os.access(port, os.X_OK):
             return port
-        raise LightdomeError(
-            f"no pbrt on PATH; {GET} installs a port of PBRT-v4, --pbrt says where another one is, {ELSE}"
-        )
+        if found := _unusable(folders):
+            return found
+        raise LightdomeError(f"no PBRT on PATH; install one with {GET}, name one with --pbrt, {ELSE}")
     path = path.expanduser()
     if path.is_dir():
-        found = _first_program(str(path.absolute()))
-        if found is None:
-            raise LightdomeError(f"no program {', '.join(NAMES)} in the folder {path}; give the program with --pbrt")
-        return found
+        folders = str(path.absolute())
+        if found := _first_program(folders, NAMES) or _unusable(folders):
+            return found
+        raise LightdomeError(f"no program {', '.join(NAMES)} in the folder {path}; give the program with --pbrt")
     if not path.exists():
         raise LightdomeError(f"there is no {path}; give the pbrt program or its folder with --pbrt")
     if not os.access(path, os.X_OK):
@@ -214,16 +220,19 @@ def _locate(path: Path | None) -> Path:
     return path.absolute()
 
 
-def _first_program(folders: str) -> Path | None:
-    """The first of NAMES in ``folders``, which are separated as on PATH; raises if one is there, but not executable."""
-    for name in NAMES:
-        if found := shutil.which(name, path=folders):
-            return Path(found).absolute()
+def _first_program(folders: str, names: Sequence[str]) -> Path | None:
+    """The first of ``names`` in ``folders``, which are separated as on PATH."""
+    found = next(filter(None, (shutil.which(name, path=folders) for name in names)), None)
+    return Path(found).absolute() if found else None
+
+
+def _unusable(folders: str) -> Path | None:
+    """rs_pbrt, which is refused when it is asked for its version; raises if a PBRT is there, but not executable."""
     for folder in filter(None, folders.split(os.pathsep)):
         for name in NAMES:
             if (file := Path(folder, name)).is_file():
                 raise _not_executable(file)
-    return None
+    return _first_program(folders, ["rs_pbrt"])
 
 
 def _not_executable(path: Path) -> LightdomeError:
@@ -320,11 +329,22 @@ def write_scenes(
             scenes.append(Scene(path, version, count, resolution, exponent))
     radiance = np.ldexp(envmap.radiance, -exponent) if exponent else envmap.radiance
     for version in versions:
-        write_image(folder / MAPS[version], to_equal_area(radiance) if version == 4 else radiance)
+        write_image(folder / MAPS[version], to_equal_area(radiance) if version == 4 else _readable(radiance))
     for scene, text in zip(scenes, texts, strict=True):
         with replacing(scene.path) as path:
             path.write_text(text, encoding="ascii")
     return scenes
+
+
+def _readable(radiance: np.ndarray) -> np.ndarray:
+    """``radiance`` for a .pfm whose first byte is no white space, which pbrt-r3 takes for a part of the header.
+
+    That is the lowest byte of red at the bottom left, so it takes at most five steps of its last digit.
+    """
+    result = radiance.astype("<f4")
+    while result[-1, 0, :1].tobytes()[0] in b"\t\n\v\f\r ":
+        result[-1, 0, 0] = np.nextafter(result[-1, 0, 0], np.float32(np.inf))
+    return result
 
 
 def render(pbrt: Pbrt, scenes: Iterable[Scene], timeout: float | None = None) -> Iterator[tuple[int, np.ndarray]]:
@@ -342,8 +362,8 @@ def render(pbrt: Pbrt, scenes: Iterable[Scene], timeout: float | None = None) ->
 def render_scene(pbrt: Pbrt, scene: Scene, timeout: float | None = None, quiet: bool = False) -> np.ndarray:
     """Run ``pbrt`` on one scene: the image is (R, R, 3) float32, radiance, 0 outside the disc.
 
-    ``timeout`` is in seconds; by default a program is given up when it stands still. ``quiet`` saves up to a second
-    that PBRT waits for its progress bar, and hides warnings. Raises :class:`LightdomeError` where PBRT does not start,
+    ``timeout`` is in seconds; by default a program is given up when it stands still. ``quiet`` avoids the wait of up to
+    a second for PBRT's progress bar, and hides warnings. Raises :class:`LightdomeError` where PBRT does not start,
     fails, reports an error, takes longer or stands still, or leaves no good image.
     """
     checks.instance("the program", pbrt, Pbrt)
@@ -361,21 +381,21 @@ def render_scene(pbrt: Pbrt, scene: Scene, timeout: float | None = None, quiet: 
             with Progress(f"{pbrt.name}, {scene.spp} spp") as progress:
                 code, text = _run(command, timeout, watch, progress)
         except TimeoutError:
-            how = f"took more than {timeout:g} s" if timeout else f"stood still for {watch.still():.0f} s"
+            how = f"took more than {timeout:g} s" if timeout else f"showed no progress for {watch.still():.0f} s"
             raise LightdomeError(f"{pbrt} was stopped: {scene.spp} spp {how}; {by_hand}") from None
         if code != 0:
             raise LightdomeError(f"{pbrt} {_ending(code)}; it said: {_gist(text)}; {by_hand}")
         lines = _lines(text)
         if error := next((line for line in lines if _ERROR.search(line)), None):
-            raise LightdomeError(f"{pbrt} ended well, but reported an error: {_short(error)}; {by_hand}")
+            raise LightdomeError(f"{pbrt} exited with status 0 but reported an error: {_short(error)}; {by_hand}")
         for warning in dict.fromkeys(line for line in lines if _WARNING.search(line)):
             _log.warning("note: %s says: %s", pbrt.name, _short(warning))
         if not target.exists():
-            raise LightdomeError(f"{pbrt} ended well but wrote no image; it said: {_gist(text)}; {by_hand}")
+            raise LightdomeError(f"{pbrt} exited with status 0 but wrote no image; it said: {_gist(text)}; {by_hand}")
         try:
             image = read_image(target)
         except LightdomeError as error:
-            reason = str(error).partition(";")[0].replace(str(target), "it")
+            reason = str(error).replace(str(target), "it").partition(";")[0].partition(" (")[0]
             raise LightdomeError(f"{pbrt} wrote an image that cannot be read ({reason}); {by_hand}") from error
     if image.shape != (size, size, 3):
         raise LightdomeError(
@@ -441,7 +461,7 @@ def _run(
         reader = threading.Thread(target=_collect, args=(process.stdout, output), daemon=True)
         reader.start()
         deadline = None if timeout is None else time.monotonic() + timeout
-        atexit.register(_kill, process)
+        atexit.register(kill_session, process)
         try:
             while True:
                 left = 0.1 if deadline is None else min(0.1, max(0.0, deadline - time.monotonic()))
@@ -455,30 +475,35 @@ def _run(
                     if progress is not None:
                         progress.update(fraction or 0.0)
         finally:
-            _kill(process)
-            atexit.unregister(_kill)
+            kill_session(process)
+            atexit.unregister(kill_session)
         # A grandchild that left the session could hold the pipe open for ever.
         reader.join(2.0)
         text = bytes(output).decode("utf-8", "replace")
-        return process.returncode, re.sub(r"\x1b\[[0-9;]*[A-Za-z]", "", text)
+        return process.returncode, _COLOUR.sub("", text)
 
 
 def _collect(stream: BinaryIO, output: bytearray) -> None:
     with contextlib.suppress(OSError, ValueError), stream:
         while chunk := stream.read1(4096):
             output += chunk
-            # The banner and the first message stand at the beginning, the progress at the end.
+            # The banner and the first message stand at the beginning, the progress at the end; errors anywhere.
             if len(output) > 2**16:
-                del output[2**14 : -(2**14)]
+                middle = bytes(output[2**14 : -(2**14)]).decode("utf-8", "replace")
+                loud = [
+                    line for line in _lines(_COLOUR.sub("", middle)) if _ERROR.search(line) or _WARNING.search(line)
+                ]
+                output[2**14 : -(2**14)] = "\n".join(["", *loud, ""]).encode()[: 2**14] + b"\n"
 
 
 def _fraction_done(output: bytearray) -> float | None:
-    """How far PBRT says to be: it redraws ``Rendering: [+++   ]``. None without such a bar, as from the ports."""
+    """How far PBRT says it is: it redraws ``Rendering: [+++   ]``. None without such a bar, as from the ports."""
     bars = [bar for bar in re.findall(rb"\[(\+*)( *)\]", output[-4096:]) if bar != (b"", b"")]
     return len(bars[-1][0]) / sum(map(len, bars[-1])) if bars else None
 
 
-def _kill(process: subprocess.Popen) -> None:
+def kill_session(process: subprocess.Popen) -> None:
+    """End ``process``, which was started in a session of its own, and all that it started."""
     if process.poll() is not None:
         return
     # The whole session, for a pbrt that is a script which starts the real one.
@@ -499,9 +524,11 @@ def _ending(code: int) -> str:
         return f"crashed (signal {-code})"
 
 
-# PBRT-v3 and -v4 print `Error: ...`, after the place in the scene or before it; the ports a time and `ERROR] ...`.
-_ERROR = re.compile(r"(?:^|[\s:])(?:Error:|Fatal:|ERROR\]|FATAL\])")
-_WARNING = re.compile(r"(?:^|[\s:])(?:Warning:|WARN ?\])")
+# PBRT-v3 and -v4 print `Error: ...`, after the place in the scene or before it; the ports a time and `ERROR] ...`; the
+# logs have `E1231 ...` (version 3) or `[ ... ] ERROR ...` (version 4).
+_ERROR = re.compile(r"(?:^|[\s:])(?:Error:|Fatal:|ERROR\]|FATAL\])|^[EF]\d{4} |^\[.*\] (?:ERROR|FATAL)\b")
+_WARNING = re.compile(r"(?:^|[\s:])(?:Warning:|WARN ?\])|^W\d{4} |^\[.*\] WARN")
+_COLOUR = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")
 _BANNER = re.compile(
     r"pbrt\S* version|copyright|this is an unofficial|the (?:source code|license)|see the file|-+$|\*+|\w+: \[\+* *\]",
     re.IGNORECASE,

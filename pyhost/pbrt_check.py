@@ -2,10 +2,10 @@
 
 Averages of the image over squares of pixels are compared with the irradiance of the normals in their centres, in
 float64 on the host. Squares beside each other make a block, whose differences scatter by the noise of the image: the
-mean of a block counts as wrong beyond ten of its standard errors. Left out of account is what programs differ in by
-design (spectra, interpolation, pixels that are points or areas): 2 % of the brightest value, and more where a map has
-few rows. So an image by white light is found at any number of samples, and so are one of another map, one that is
-mirrored, and one of another scale; faults of a few percent are not.
+mean of a block counts as wrong beyond ten of its standard errors. Differences by design (spectra, interpolation,
+pixels that are points or areas) are allowed for: 2 % of the brightest value, and more where a map has few rows. So an
+image by white light, of another map, mirrored, or of half the radiance is found; an error of some percent is not, nor
+one of 10 % at a single sample per pixel.
 """
 
 from __future__ import annotations

@@ -111,8 +111,8 @@ def _find_pbrt(peers: Peers, envmap: EnvironmentMap, resolution: int, path: str 
     name = pbrt.program.name.lower().split()[0]
     if name in peers.methods:
         name = f"{name} {shown(pbrt.program.path)}"
-    # Without a seed a second run is the first once more.
-    peers.methods[name] = _method(name, "per pixel", pbrt.render, resolution, random=pbrt.program.has_seed)
+    # Another run of version 3 is the first once more.
+    peers.methods[name] = _method(name, "per pixel", pbrt.render, resolution, random=pbrt.program.is_random)
     peers.about[name] = {
         "program": str(pbrt.program.path),
         "name": pbrt.program.name,

@@ -9,13 +9,14 @@ import _start  # noqa: F401 - first, so that Ctrl-C is handled and .venv is foun
 
 # isort: split
 import argparse
+import atexit
 import shutil
 import subprocess
 from pathlib import Path
 
 from lightdome import cli
 from lightdome.errors import LightdomeError
-from lightdome.pbrt import Pbrt, find_pbrt, installed_port
+from lightdome.pbrt import Pbrt, find_pbrt, installed_port, kill_session
 
 CRATE, VERSION = "pbrt-r4", "4.5.2"
 
@@ -42,7 +43,7 @@ def main() -> None:
         type=Path,
         metavar="DIR",
         default=installed_port().parent.parent,
-        help="folder to install into (default: the cache; in another one --pbrt finds it, as DIR/bin)",
+        help="folder to install into (default: the cache; for another folder, give part 4 --pbrt DIR/bin)",
     )
     folder = parser.parse_args().out.absolute()
     program = installed(folder)
@@ -57,11 +58,18 @@ def main() -> None:
     # Without optimisation, the programs that generate its code take many times as long as it takes to compile them.
     environment = {**os.environ, "CARGO_PROFILE_RELEASE_BUILD_OVERRIDE_OPT_LEVEL": "2"}
     try:
-        done = subprocess.run([*command, "--force", "--root", str(folder)], env=environment, stdin=subprocess.DEVNULL)
+        process = subprocess.Popen(
+            [*command, "--force", "--root", str(folder)],
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+        )
     except OSError as error:
         raise LightdomeError(f"cannot start {cargo}: {error.strerror}; install Rust (https://rustup.rs)") from error
+    atexit.register(kill_session, process)
+    status = process.wait()
     program = installed(folder)
-    if done.returncode != 0 or program is None:
+    if status != 0 or program is None:
         raise LightdomeError(
             f"cargo did not install {CRATE}, for the reason above; it needs a network and a recent Rust (rustup update)"
         )

@@ -125,7 +125,8 @@ def main() -> None:
         where = deviation(image, envmap, args.albedo) if program else None
         if where:
             print(
-                f"note: {program.name}'s image of {spp} spp is not the sphere under this map: {where}", file=sys.stderr
+                f"note: {program.name}'s image of {spp} spp differs from the sphere under this map: {where}",
+                file=sys.stderr,
             )
     # The image of most samples knows best how bright the sphere is, and one exposure serves all.
     exposure = args.exposure or auto_exposure(done[max(done)])

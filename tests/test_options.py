@@ -838,8 +838,9 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
 def _(world: World, patch: pytest.MonkeyPatch) -> None:
     found = runpy.run_path(str(ROOT / "scripts" / "get_pbrt.py"))
     asked: list[list[str]] = []
+    failed = SimpleNamespace(wait=lambda: 1, poll=lambda: 1)
     patch.setattr(shutil, "which", lambda *_, **__: "cargo")
-    patch.setattr(subprocess, "run", lambda command, **_: asked.append(command) or SimpleNamespace(returncode=1))
+    patch.setattr(subprocess, "Popen", lambda command, **_: asked.append(command) or failed)
     for options in ([], ["--out", str(world.folder / "p")]):
         patch.setattr(sys, "argv", ["get_pbrt.py", *options])
         with pytest.raises(LightdomeError, match="cargo did not install"):

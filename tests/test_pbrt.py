@@ -211,7 +211,7 @@ def test_a_program_is_found_by_its_file_or_folder(tmp_path, folder):
 def test_a_program_is_found_on_path_else_where_it_was_installed(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    with pytest.raises(LightdomeError, match=r"no pbrt on PATH; scripts/get_pbrt.py installs"):
+    with pytest.raises(LightdomeError, match=r"no PBRT on PATH; install one with scripts/get_pbrt.py"):
         find_pbrt()
     installed_port().parent.mkdir(parents=True)
     port = stand_in(installed_port().parent, PORT, "pbrt-r4")
@@ -336,7 +336,7 @@ def test_part_4_leaves_the_scenes_where_pbrt_is_missing(tmp_path, script):
     arguments = ["--map", tmp_path / "map.exr", "--resolution", 9, "--spp", 4, "--out", out]
     result = script("part4_pbrt", *arguments, "--renderer", "pbrt", PATH=str(tmp_path), XDG_CACHE_HOME=str(tmp_path))
     assert result.returncode == 1
-    assert result.stderr.startswith("part4_pbrt: no pbrt on PATH")
+    assert result.stderr.startswith("part4_pbrt: no PBRT on PATH")
     assert result.stderr.count("\n") == 1
     assert {"sphere_v3_4spp.pbrt", "sphere_v4_4spp.pbrt"} < {p.name for p in (out / "pbrt").iterdir()}
 
@@ -418,12 +418,22 @@ def test_the_real_pbrt_without_its_map_leaves_no_image(tmp_path, program, kept):
 
 
 @posix
-@pytest.mark.parametrize("line", ["Error: Unable to open map", "scene.pbrt:3:1: Error: odd", "[2026 ERROR] no map"])
+@pytest.mark.parametrize(
+    "line",
+    [
+        "Error: Unable to open map",
+        "scene.pbrt:3:1: Error: odd",
+        "[2026 ERROR] no map",
+        "E0610 12:00 x.cpp:297] NaN",
+        "[ @ 0.1s x.cpp:3 ] ERROR NaN",
+    ],
+)
 def test_an_error_counts_though_the_program_ends_well(tmp_path, scene, line):
     write_image(tmp_path / "image.exr", np.ones((9, 9, 3), np.float32))
     body = COPY.replace("IMAGE", repr(str(tmp_path / "image.exr")))
-    program = Pbrt(stand_in(tmp_path, f"print({line!r})\n" + body), 4)
-    with pytest.raises(LightdomeError, match="ended well, but reported an error: ") as caught:
+    chatter = "print(9000 * 'hello\\n', flush=True)\n"  # more than is kept, on both sides
+    program = Pbrt(stand_in(tmp_path, chatter + f"print({line!r})\n" + chatter + body), 4)
+    with pytest.raises(LightdomeError, match="exited with status 0 but reported an error: ") as caught:
         render_scene(program, scene)
     assert line in str(caught.value)
 
@@ -443,9 +453,32 @@ def test_a_program_that_is_not_executable_is_named(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     plain = tmp_path / "pbrt"
     plain.write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     for where in (None, tmp_path):
         with pytest.raises(LightdomeError, match=f"{plain} is not executable; run chmod"):
             find_pbrt(where)
+    installed_port().parent.mkdir(parents=True)
+    port = stand_in(installed_port().parent, PORT, "pbrt-r4")
+    assert find_pbrt().path == port
+
+
+@posix
+def test_rs_pbrt_is_refused_wherever_it_is_found(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    stand_in(tmp_path, "print('Usage: rs_pbrt --path <PATH>')", "rs_pbrt")
+    for where in (None, tmp_path):
+        with pytest.raises(LightdomeError, match="is rs_pbrt"):
+            find_pbrt(where)
+
+
+@pytest.mark.parametrize("value", [0.01, 0.02, 1.0])
+def test_the_first_byte_of_a_map_is_no_white_space(tmp_path, value):
+    """0.01 and 0.02 begin with a line feed, which pbrt-r3 takes for a part of the header."""
+    write_scenes(tmp_path, EnvironmentMap(np.full((4, 8, 3), value)), [1], 9, versions=[3])
+    values = (tmp_path / "map_v3_latlong.pfm").read_bytes().split(b"\n", 3)[3]
+    assert values[:1].strip() == values[:1]
+    np.testing.assert_allclose(np.frombuffer(values, "<f4"), value, rtol=1e-6)
 
 
 @posix
@@ -454,7 +487,7 @@ def test_a_render_is_given_up_once_it_stands_still(tmp_path, scene, monkeypatch,
     monkeypatch.setattr("lightdome.pbrt.STILL", 0.3)
     moves = "for i in range(3):\n    print('Rendering: [%s]' % ('+' * i).ljust(9), flush=True)\n    time.sleep(0.1)\n"
     body = "import time\n" + (moves if bar else "") + "time.sleep(60)\n"
-    with pytest.raises(LightdomeError, match=r"was stopped: 2 spp stood still for \d+ s; try the scene"):
+    with pytest.raises(LightdomeError, match=r"was stopped: 2 spp showed no progress for \d+ s; try the scene"):
         render_scene(Pbrt(stand_in(tmp_path, body), 4), scene)
 
 
@@ -510,7 +543,7 @@ def test_part_4_tells_of_a_wrong_image_and_of_no_cargo(tmp_path, script):
     options = ("--map", tmp_path / "map.exr", "--resolution", 33, "--spp", 4, "--pbrt", program)
     result = script("part4_pbrt", *options, "--out", tmp_path / "out")
     assert result.returncode == 0
-    assert "note: PBRT-v4's image of 4 spp is not the sphere under this map" in result.stderr
+    assert "note: PBRT-v4's image of 4 spp differs from the sphere under this map" in result.stderr
     empty = {"PATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)}
     fails_in_one_line(script("get_pbrt", **empty), "no cargo on PATH")
 

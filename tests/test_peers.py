@@ -196,7 +196,7 @@ def test_what_is_not_installed_is_absent(monkeypatch: pytest.MonkeyPatch, blocks
     found = peers.find(["mitsuba", "pbrt"], blocks, 4)
     assert not found.methods
     assert found.absent["mitsuba"] == peers.INSTALL
-    assert "no pbrt on PATH" in found.absent["pbrt"]
+    assert "no PBRT on PATH" in found.absent["pbrt"]
     with pytest.raises(ValueError, match="luxcore"):
         peers.find(["luxcore"], blocks)
 

@@ -1358,7 +1358,7 @@ FAULTS: list[Fault] = [
     script(
         "get_pbrt: a failure passes",
         "get_pbrt.py",
-        "if done.returncode != 0 or program is None:",
+        "if status != 0 or program is None:",
         "if False:",
         "a status ignored",
     ),
@@ -1410,7 +1410,7 @@ FAULTS: list[Fault] = [
     host(
         "peers: version 3 is random",
         "peers.py",
-        "random=pbrt.program.has_seed",
+        "random=pbrt.program.is_random",
         "random=True",
         "seeds that it does not have: no spread",
     ),
