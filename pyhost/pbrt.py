@@ -64,8 +64,8 @@ NAMES = ("pbrt", *PORTS)  # in the order in which they are looked for
 ELSE = "or render with --renderer opencl"
 GET = "scripts/get_pbrt.py"
 
-# When a render is given up. With PBRT's progress bar: when the bar has not moved for STILL seconds plus ten times its
-# longest step so far. Without: after STILL seconds plus about ten times the expected time.
+# When a render is given up: when its progress bar has not moved for STILL seconds plus ten times its longest step so
+# far. Until there is a bar: after STILL seconds plus about ten times the expected time.
 STILL = 60.0
 SECONDS_A_SAMPLE = 3e-5  # pbrt-r4 takes 3e-6 on one core
 
@@ -379,7 +379,7 @@ def render_scene(pbrt: Pbrt, scene: Scene, timeout: float | None = None, quiet: 
         watch = _Watch(scene.spp * size**2)
         try:
             with Progress(f"{pbrt.name}, {scene.spp} spp") as progress:
-                code, text = _run(command, timeout, watch, progress)
+                code, text = _run(command, timeout, watch, progress, terminal=pbrt.port is not None)
         except TimeoutError:
             how = f"took more than {timeout:g} s" if timeout else f"showed no progress for {watch.still():.0f} s"
             raise LightdomeError(f"{pbrt} was stopped: {scene.spp} spp {how}; {by_hand}") from None
@@ -434,19 +434,27 @@ class _Watch:
 
 
 def _run(
-    command: list[str], timeout: float | None, watch: _Watch | None = None, progress: Progress | None = None
+    command: list[str],
+    timeout: float | None,
+    watch: _Watch | None = None,
+    progress: Progress | None = None,
+    terminal: bool = False,
 ) -> tuple[int, str]:
     """Run ``command`` without a shell: its exit status and the end of what it printed, colours removed.
+
+    ``terminal`` gives it a pseudo-terminal to print to, where there are such: the ports draw their bar on nothing else.
 
     Raises ``TimeoutError`` after ``timeout`` seconds, or without one when ``watch`` says so; the program and its
     children are gone whenever this returns or raises.
     """
     with tempfile.TemporaryDirectory(prefix="lightdome-", ignore_cleanup_errors=True) as folder:
+        ends = os.openpty() if terminal and hasattr(os, "openpty") else os.pipe()
+        stream = os.fdopen(ends[0], "rb")  # closed by the thread that reads it
         try:
             process = subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
+                stdout=ends[1],
                 stderr=subprocess.STDOUT,
                 cwd=folder,
                 # Version 3 logs into the temporary folder of the system unless told otherwise.
@@ -454,11 +462,14 @@ def _run(
                 start_new_session=True,
             )
         except OSError as error:
+            stream.close()
             raise LightdomeError(
                 f"cannot start {command[0]}: {error.strerror}; give another with --pbrt, {ELSE}"
             ) from error
+        finally:
+            os.close(ends[1])
         output = bytearray()
-        reader = threading.Thread(target=_collect, args=(process.stdout, output), daemon=True)
+        reader = threading.Thread(target=_collect, args=(stream, output), daemon=True)
         reader.start()
         deadline = None if timeout is None else time.monotonic() + timeout
         atexit.register(kill_session, process)
@@ -497,8 +508,9 @@ def _collect(stream: BinaryIO, output: bytearray) -> None:
 
 
 def _fraction_done(output: bytearray) -> float | None:
-    """How far PBRT says it is: it redraws ``Rendering: [+++   ]``. None without such a bar, as from the ports."""
-    bars = [bar for bar in re.findall(rb"\[(\+*)( *)\]", output[-4096:]) if bar != (b"", b"")]
+    """How far PBRT says it is: it redraws ``Rendering: [+++   ]``, a port ``x.exr: [███   ]``. None without a bar."""
+    text = _COLOUR.sub("", output[-4096:].decode("utf-8", "replace"))
+    bars = [bar for bar in re.findall(r"\[([+▁-▏]*)( *)\]", text) if bar != ("", "")]
     return len(bars[-1][0]) / sum(map(len, bars[-1])) if bars else None
 
 
@@ -530,7 +542,8 @@ _ERROR = re.compile(r"(?:^|[\s:])(?:Error:|Fatal:|ERROR\]|FATAL\])|^[EF]\d{4} |^
 _WARNING = re.compile(r"(?:^|[\s:])(?:Warning:|WARN ?\])|^W\d{4} |^\[.*\] WARN")
 _COLOUR = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")
 _BANNER = re.compile(
-    r"pbrt\S* version|copyright|this is an unofficial|the (?:source code|license)|see the file|-+$|\*+|\w+: \[\+* *\]",
+    r"pbrt\S* version|copyright|this is an unofficial|the (?:source code|license)|see the file|-+$|\*+"
+    r"|[^\[]*: \[[+▁-▏]* *\]",
     re.IGNORECASE,
 )
 

@@ -481,14 +481,34 @@ def test_the_first_byte_of_a_map_is_no_white_space(tmp_path, value):
     np.testing.assert_allclose(np.frombuffer(values, "<f4"), value, rtol=1e-6)
 
 
+# The bars of PBRT, of a port, which draws it on a terminal only, and none.
+BARS = {
+    "PBRT": "    print('Rendering: [%s]' % ('+' * i).ljust(9), flush=True)\n",
+    "port": "    if sys.stdout.isatty(): print(f\"\\r\\x1b[1mx.exr: [\\x1b[36m{'█' * i:9}\\x1b[0m]\", end='')\n",
+    "none": "",
+}
+
+
+def slow_stand_in(folder: Path, bar: str, end: str) -> Pbrt:
+    """A program whose bar moves eight times in two seconds, and then does ``end``."""
+    body = f"import sys, time\nfor i in range(9):\n{BARS[bar]}    sys.stdout.flush(); time.sleep(0.25)\n{end}\n"
+    return Pbrt(stand_in(folder, body), 4, "pbrt-r4 4.5.2" if bar == "port" else None)
+
+
 @posix
-@pytest.mark.parametrize("bar", [True, False])
+@pytest.mark.parametrize("bar", BARS)
 def test_a_render_is_given_up_once_it_stands_still(tmp_path, scene, monkeypatch, bar):
     monkeypatch.setattr("lightdome.pbrt.STILL", 0.3)
-    moves = "for i in range(3):\n    print('Rendering: [%s]' % ('+' * i).ljust(9), flush=True)\n    time.sleep(0.1)\n"
-    body = "import time\n" + (moves if bar else "") + "time.sleep(60)\n"
     with pytest.raises(LightdomeError, match=r"was stopped: 2 spp showed no progress for \d+ s; try the scene"):
-        render_scene(Pbrt(stand_in(tmp_path, body), 4), scene)
+        render_scene(slow_stand_in(tmp_path, bar, "time.sleep(60)"), scene)
+
+
+@posix
+@pytest.mark.parametrize("bar", ["PBRT", "port"])
+def test_a_render_whose_bar_moves_goes_on(tmp_path, scene, monkeypatch, bar):
+    monkeypatch.setattr("lightdome.pbrt.STILL", 1.0)
+    with pytest.raises(LightdomeError, match=r"failed with exit status 3; it said: nothing; try the scene"):
+        render_scene(slow_stand_in(tmp_path, bar, "sys.exit(3)"), scene)
 
 
 @posix

@@ -1291,6 +1291,13 @@ FAULTS: list[Fault] = [
         "an option ignored",
     ),
     host(
+        "PBRT: a port has no terminal for its bar",
+        "pbrt.py",
+        "terminal=pbrt.port is not None",
+        "terminal=False",
+        "a program that prints less into a pipe",
+    ),
+    host(
         "PBRT: errors are not read",
         "pbrt.py",
         "if _ERROR.search(line)), None)",
