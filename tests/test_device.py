@@ -202,6 +202,15 @@ def test_the_order_of_devices_does_not_choose(
                 assert open_device(f"driver {number}") == number
 
 
+def test_an_index_is_not_the_beginning_of_another(
+    device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    slow = replace(FAST, fused=5e10, plain=5e10)
+    Machine(device.handle, monkeypatch, *[slow] * 10, FAST)
+    assert [open_device("0:1"), open_device("0:01"), open_device("0:10")] == [1, 1, 10]
+
+
 def test_a_failure_is_remembered_for_a_day_where_another_device_works(
     device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -297,10 +298,17 @@ def test_a_signal_is_heard_in_a_long_call_into_a_library(number: signal.Signals,
     assert not list(tmp_path.iterdir())
 
 
-def test_a_signal_that_a_shell_ignores_stays_ignored() -> None:
-    program = "import os, signal; from lightdome import cli; cli.run(lambda: os.kill(os.getpid(), signal.SIGINT))"
-    command = ["sh", "-c", 'trap "" INT; exec "$@"', "sh", sys.executable, "-c", program]
-    assert subprocess.run(command).returncode == 0
+def test_a_signal_that_a_shell_ignores_stays_ignored(tmp_path: Path) -> None:
+    heard = "os.kill(os.getpid(), signal.SIGINT)"
+    shutil.copy(ROOT / "scripts" / "_start.py", tmp_path)
+    script = tmp_path / "script.py"
+    for program in (
+        f"import _start, os, signal; {heard}",
+        f"import os, signal; from lightdome import cli; cli.run(lambda: {heard})",
+    ):
+        script.write_text(program)
+        command = ["sh", "-c", 'trap "" INT; exec "$@"', "sh", sys.executable, script]
+        assert subprocess.run(command).returncode == 0
 
 
 def test_caches_whose_writing_was_stopped_are_used(inputs: Path) -> None:

@@ -10,6 +10,7 @@ import sys
 import tempfile
 from collections import namedtuple
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,8 @@ import pytest
 from conftest import ROOT, Script, fails_in_one_line, stiff_radiance
 from lightdome import cache, cli, programs
 from lightdome.device import Device
+from lightdome.distribution import build_distribution
+from lightdome.envmap import EnvironmentMap
 from lightdome.errors import LightdomeError
 from lightdome.files import replacing
 from lightdome.images import write_image
@@ -158,6 +161,25 @@ def raising(error: BaseException) -> Callable[[], None]:
         raise error
 
     return main
+
+
+class Tight:
+    """A device that holds arrays of a MiB at most."""
+
+    max_mem_alloc_size = 2**20
+
+    def __init__(self, handle: cl.Device) -> None:
+        self._handle = handle
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._handle, name)
+
+
+def test_an_array_larger_than_the_device_holds_is_refused(device: Device) -> None:
+    distribution = build_distribution(replace(device, handle=Tight(device.handle)), EnvironmentMap(np.ones((8, 16, 3))))
+    assert len(distribution.sample(2**20 // 12)) == 2**20 // 12
+    with pytest.raises(LightdomeError, match="holds arrays of up to 1 MiB and this needs 2 MiB; use fewer samples"):
+        distribution.sample(2**21 // 12 + 1)
 
 
 @pytest.mark.parametrize(

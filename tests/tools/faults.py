@@ -25,7 +25,7 @@ class Fault:
     equivalent: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "tests", self.tests or TESTS[self.file])
+        object.__setattr__(self, "tests", self.tests or TESTS.get(f"{self.area}/{self.file}") or TESTS[self.file])
 
 
 DRAWS = ("test_sequences.py", "test_distribution.py", "test_launches.py", "test_stability.py")
@@ -125,6 +125,8 @@ TESTS: dict[str, tuple[str, ...]] = {
     "stability.py": (*SHOWN, "test_stability.py"),
     "stability_plot.py": (*SHOWN, "test_stability.py"),
     # the scripts
+    "scripts/report.py": ("test_options.py", "test_report.py"),
+    "scripts/stability.py": ("test_options.py", "test_stability.py"),
     "_start.py": ("test_install.py", "test_interrupted.py::test_a_signal_that_a_shell_ignores_stays_ignored"),
     "bench.py": ("test_options.py", *SHOWN, "test_benchmark.py", "test_peers.py"),
     "get_grace.py": ("test_data.py",),
@@ -1965,7 +1967,6 @@ FAULTS: list[Fault] = [
         "        sanitize=args.sanitize,\n",
         '        sanitize="black",\n',
         "an option ignored",
-        ("test_banded.py", "test_scripts.py", "test_settings.py"),
     ),
     script(
         "part 2: --flip ignored with --samples-only",
