@@ -83,6 +83,8 @@ def clone(tmp_path: Path) -> Path:
     write_image(tmp_path / "data" / "default.exr", read_image(ROOT / "data" / "default.exr")[::4, ::4])
     shutil.copytree(ROOT / "scripts", tmp_path / "scripts")
     (tmp_path / "scripts" / "setup.sh").write_text(SET_UP)
+    demo = tmp_path / "scripts" / "demo"
+    demo.write_text(re.sub(r"(part[34]_\w+\.py)", r"\1 --resolution 31", demo.read_text(encoding="utf-8")))
     return tmp_path
 
 

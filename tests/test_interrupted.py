@@ -141,8 +141,8 @@ def stop_with_empty_caches(name: str, number: signal.Signals, moments: Iterable[
             assert not list((run.folder / "tmp").iterdir())
 
 
-def stop_at_random(name: str, number: signal.Signals, count: int, inputs: Path) -> int:
-    """Stop a script ``count`` times; the number of hidden files that were left. Raises where anything else was."""
+def stop_at_random(name: str, numbers: Iterable[signal.Signals], count: int, inputs: Path) -> int:
+    """Stop a script ``count`` times by each signal; the number of hidden files left. Raises where anything else was."""
     rng = np.random.default_rng(0)
     run = Run(name, inputs)
     run.clear()
@@ -152,7 +152,7 @@ def stop_at_random(name: str, number: signal.Signals, count: int, inputs: Path) 
     whole = run.content()
     ends = {path: data[-8:] for path, data in run.files().items() if path.endswith((".png", ".svg", ".json"))}
     hidden = 0
-    for moment in range(count):
+    for moment, number in enumerate(number for number in numbers for _ in range(count)):
         run.clear()
         # Every other time on purpose while a file is written: most moments are harmless.
         run.stop(number, seconds * rng.random(), writing=moment % 2 == 1)
@@ -191,11 +191,11 @@ def make_inputs(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("name", "number"),
-    [("part2_sample", signal.SIGKILL), ("part2_sample", signal.SIGTERM), ("part3_shade", signal.SIGINT)],
+    ("name", "numbers"),
+    [("part2_sample", (signal.SIGKILL, signal.SIGTERM)), ("part3_shade", (signal.SIGINT,))],
 )
-def test_a_run_that_is_stopped_leaves_no_half_file(name: str, number: signal.Signals, inputs: Path) -> None:
-    stop_at_random(name, number, 2, inputs)
+def test_a_run_that_is_stopped_leaves_no_half_file(name: str, numbers: tuple[signal.Signals], inputs: Path) -> None:
+    stop_at_random(name, numbers, 2, inputs)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -322,6 +322,6 @@ if __name__ == "__main__":
         for number in (signal.SIGKILL, signal.SIGTERM, signal.SIGINT):
             with tempfile.TemporaryDirectory() as folder:
                 inputs = make_inputs(Path(folder))
-                left = stop_at_random(script, number, int(sys.argv[1]), inputs)
+                left = stop_at_random(script, [number], int(sys.argv[1]), inputs)
                 stop_with_empty_caches(script, number, 3 * np.random.default_rng(1).random(int(sys.argv[1])), inputs)
                 print(f"{script:<14}{number.name:<9}{sys.argv[1]} moments, {left} hidden files left", flush=True)

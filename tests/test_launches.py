@@ -21,8 +21,8 @@ from lightdome.render import SEQUENCES as RENDER_SEQUENCES
 from lightdome.samples import SEQUENCES
 from lightdome.sphere import exact, shade
 
-R = 37
-POINTS = np.random.default_rng(8).random((2000, 2))
+R = 21
+POINTS = np.random.default_rng(8).random((600, 2))
 
 
 def results(device: Device, envmap: EnvironmentMap, path: Path) -> dict[str, list[np.ndarray]]:
@@ -30,11 +30,11 @@ def results(device: Device, envmap: EnvironmentMap, path: Path) -> dict[str, lis
     distribution = build_distribution(device, envmap)
     found: dict[str, list[np.ndarray]] = {}
     for sequence in SEQUENCES:
-        for count in (90, 2000):  # without and with guide tables
+        for count in (90, 600):  # without and with guide tables
             drawn = distribution.sample(count, 6, sequence)
             found[f"{count} samples, {sequence}"] = [drawn.pixel, drawn.probability, drawn.direction, drawn.radiance]
-        found[f"pixels, {sequence}"] = list(distribution.sample_pixels(2000, 6, sequence))
-        (drawn,) = sample_file(device, ImageRows(path, batch=5), [2000], 6, sequence)
+        found[f"pixels, {sequence}"] = list(distribution.sample_pixels(600, 6, sequence))
+        (drawn,) = sample_file(device, ImageRows(path, batch=5), [600], 6, sequence)
         found[f"samples of a file, {sequence}"] = [drawn.pixel, drawn.probability, drawn.direction, drawn.radiance]
     found["given points"] = [distribution.sample_at(POINTS).pixel]
     lights = median_cut(distribution, 40)

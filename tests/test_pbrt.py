@@ -490,8 +490,8 @@ BARS = {
 
 
 def slow_stand_in(folder: Path, bar: str, end: str) -> Pbrt:
-    """A program whose bar moves eight times in two seconds, and then does ``end``."""
-    body = f"import sys, time\nfor i in range(9):\n{BARS[bar]}    sys.stdout.flush(); time.sleep(0.25)\n{end}\n"
+    """A program whose bar moves eight times in 0.8 seconds, and then does ``end``."""
+    body = f"import sys, time\nfor i in range(9):\n{BARS[bar]}    sys.stdout.flush(); time.sleep(0.1)\n{end}\n"
     return Pbrt(stand_in(folder, body), 4, "pbrt-r4 4.5.2" if bar == "port" else None)
 
 
@@ -506,7 +506,7 @@ def test_a_render_is_given_up_once_it_stands_still(tmp_path, scene, monkeypatch,
 @posix
 @pytest.mark.parametrize("bar", ["PBRT", "port"])
 def test_a_render_whose_bar_moves_goes_on(tmp_path, scene, monkeypatch, bar):
-    monkeypatch.setattr("lightdome.pbrt.STILL", 1.0)
+    monkeypatch.setattr("lightdome.pbrt.STILL", 0.5)
     with pytest.raises(LightdomeError, match=r"failed with exit status 3; it said: nothing; try the scene"):
         render_scene(slow_stand_in(tmp_path, bar, "sys.exit(3)"), scene)
 

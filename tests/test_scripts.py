@@ -196,6 +196,7 @@ EXTREMES = [
     ("part2_sample", ("--counts", 3, "--marker", 3000, "--gamma", "1e308", "--exposure", "5e-324"), 0),
     ("part2_sample", ("--counts", 3, "--seed", 2**64 - 1, "--samples-only"), 0),
     ("part2_sample", ("--counts", 3, "--seed", "9" * 400), 2),
+    ("part2_sample", ("--counts", 3, "--seed", 2**64, "--samples-only"), 2),
     ("part2_sample", ("--counts", 3, "--device", LONG_NUMBER), 1),
     ("part3_shade", ("--resolution", BIG), 1),
     ("part3_shade", ("--resolution", 16385), 1),
