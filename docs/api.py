@@ -12,7 +12,7 @@ import pdoc
 warnings.simplefilter("error")
 for name in lightdome.__all__:  # pdoc sees only what was loaded
     setattr(lightdome, name, getattr(lightdome, name))
-modules = [f"lightdome.{module.name}" for module in pkgutil.iter_modules(lightdome.__path__)]
+modules = [f"lightdome.{module.name}" for module in pkgutil.iter_modules(lightdome.__path__)]  # packages with theirs
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "out/api")
 pdoc.render.configure(docformat="restructuredtext")

@@ -9,12 +9,11 @@
     image = lightdome.shade_samples(device, samples, resolution=511)
     lightdome.write_image("sphere.pfm", image)
 
-Data flows one way: a map (:mod:`.envmap`) becomes a distribution (:mod:`.distribution`), that becomes
-samples (:mod:`.samples`), and those light a sphere (:mod:`.sphere`). :mod:`.banded` draws samples of a map that is
-larger than the memory. :mod:`.render` draws the same
-sphere per pixel, :mod:`.pbrt` lets PBRT draw it, :mod:`.mediancut` and :mod:`.harmonics` light it without
-chance, :mod:`.lights` writes light sets for other programs, :mod:`.fresnel` stands alone, and
-:mod:`.reference` holds what all of it is checked against.
+Data flows one way, and the folders are its path: :mod:`lightdome.maps` reads a map, :mod:`lightdome.sampling` makes a
+distribution of it and draws samples, :mod:`lightdome.lighting` lights a sphere with them or with the whole map, and
+:mod:`lightdome.rendering` draws the same sphere with fresh samples for every pixel. :mod:`lightdome.pbrt` lets PBRT
+draw it, :mod:`lightdome.fresnel` stands alone, :mod:`lightdome.evaluation` says how far off each is, and
+:mod:`lightdome.reference` holds what all of it is checked against.
 """
 
 from __future__ import annotations
@@ -26,104 +25,68 @@ TYPE_CHECKING = False  # as typing has it, which takes long to load
 
 if TYPE_CHECKING:
     from . import (  # noqa: F401
-        banded,
-        benchmark,
-        benchmark_plot,
-        buffers,
         cache,
         checks,
-        cli,
+        commands,
+        console,
         decisions,
-        device,
         disc,
-        distribution,
-        envmap,
-        equiarea,
         errors,
-        exr,
-        exr_layers,
+        evaluation,
         files,
         float_range,
         fresnel,
-        fresnel_plot,
-        guide,
-        harmonics,
-        horizon,
-        image_source,
-        images,
         interrupts,
-        lights,
-        markers,
-        mediancut,
+        lighting,
+        maps,
         names,
-        oiio_files,
+        opencl,
         pbrt,
-        pbrt_check,
-        peer_mitsuba,
-        peer_mitsuba_distribution,
-        peer_numpy,
-        peer_pbrt,
-        peers,
-        pfm,
         plotting,
         probe,
-        product,
-        profile,
-        programs,
         progress,
-        radiance_hdr,
-        rates,
         reference,
-        render,
-        report,
-        report_figures,
-        roofline,
-        roofline_plot,
-        roofline_stages,
-        samples,
-        settings,
-        sphere,
-        stability,
-        stability_cases,
-        stability_plot,
+        rendering,
+        sampling,
     )
-    from .banded import sample_file
-    from .device import Device, open_device
-    from .distribution import Distribution, build_distribution
-    from .envmap import EnvironmentMap
     from .errors import LightdomeError
-    from .harmonics import Harmonics, project, shade_harmonics
-    from .images import ImageRows, auto_exposure, read_image, tone_map, write_image
-    from .lights import Lights, write_csv, write_pbrt
-    from .mediancut import median_cut
-    from .samples import Samples
-    from .sphere import exact, shade, shade_samples
+    from .lighting.exact import exact
+    from .lighting.harmonics import Harmonics, project, shade_harmonics
+    from .lighting.lights import Lights, write_csv, write_pbrt
+    from .lighting.median_cut import median_cut
+    from .lighting.shade import shade, shade_samples
+    from .maps.envmap import EnvironmentMap
+    from .maps.images import ImageRows, auto_exposure, read_image, tone_map, write_image
+    from .opencl.device import Device, open_device
+    from .sampling.distribution import Distribution, build_distribution
+    from .sampling.samples import Samples
+    from .sampling.streaming import sample_file
 
 # Loaded when first used, as every module is: Fresnel needs no OpenCL, shading no image library.
 _HOME = {
-    "Device": "device",
-    "open_device": "device",
-    "Distribution": "distribution",
-    "build_distribution": "distribution",
-    "EnvironmentMap": "envmap",
+    "Device": "opencl.device",
+    "open_device": "opencl.device",
+    "Distribution": "sampling.distribution",
+    "build_distribution": "sampling.distribution",
+    "EnvironmentMap": "maps.envmap",
     "LightdomeError": "errors",
-    "Harmonics": "harmonics",
-    "project": "harmonics",
-    "shade_harmonics": "harmonics",
-    "ImageRows": "images",
-    "auto_exposure": "images",
-    "read_image": "images",
-    "tone_map": "images",
-    "write_image": "images",
-    "Lights": "lights",
-    "write_csv": "lights",
-    "write_pbrt": "lights",
-    "median_cut": "mediancut",
-    "Samples": "samples",
-    "sample_file": "banded",
-    "exact": "sphere",
-    "shade": "sphere",
-    "shade_samples": "sphere",
+    "Harmonics": "lighting.harmonics",
+    "project": "lighting.harmonics",
+    "shade_harmonics": "lighting.harmonics",
+    "ImageRows": "maps.images",
+    "auto_exposure": "maps.images",
+    "read_image": "maps.images",
+    "tone_map": "maps.images",
+    "write_image": "maps.images",
+    "Lights": "lighting.lights",
+    "write_csv": "lighting.lights",
+    "write_pbrt": "lighting.lights",
+    "median_cut": "lighting.median_cut",
+    "Samples": "sampling.samples",
+    "sample_file": "sampling.streaming",
+    "exact": "lighting.exact",
+    "shade": "lighting.shade",
+    "shade_samples": "lighting.shade",
 }
 
 __all__ = [

@@ -10,7 +10,8 @@ import signal
 import sys
 
 # Otherwise a test has imported it.
-IS_SCRIPT = os.path.dirname(os.path.realpath(sys.argv[0])) == os.path.dirname(os.path.realpath(__file__))  # noqa: PTH120
+FOLDER = os.path.dirname(os.path.realpath(__file__))  # noqa: PTH120
+IS_SCRIPT = os.path.dirname(os.path.realpath(sys.argv[0])) in (FOLDER, os.path.join(os.path.dirname(FOLDER), "data"))  # noqa: PTH118, PTH120
 
 SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
@@ -22,6 +23,7 @@ if IS_SCRIPT:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)  # blocked by go_on_in_venv
 
 import contextlib  # noqa: E402
+import importlib  # noqa: E402
 import importlib.util  # noqa: E402
 import shlex  # noqa: E402
 from pathlib import Path  # noqa: E402
@@ -52,3 +54,10 @@ if not has_lightdome():
     version = "{}.{}.{}".format(*sys.version_info)
     demo = shlex.quote(str(ROOT / "scripts" / "demo"))
     sys.exit(f"{Path(sys.argv[0]).stem}: Python {version} has no lightdome; run {demo}, which sets it up")
+
+
+def command(name: str) -> None:
+    """Run ``lightdome.commands``'s ``name``, and exit."""
+    from lightdome import console
+
+    console.run(importlib.import_module(f"lightdome.commands.{name}").main)

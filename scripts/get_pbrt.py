@@ -14,9 +14,9 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from lightdome import cli
+from lightdome.console import run
 from lightdome.errors import LightdomeError
-from lightdome.pbrt import Pbrt, find_pbrt, installed_port, kill_session
+from lightdome.pbrt.run import Pbrt, find_pbrt, installed_port, kill_session
 
 CRATE, VERSION = "pbrt-r4", "4.5.2"
 
@@ -77,4 +77,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    cli.run(main)
+    run(main)

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import stiff_radiance
-from lightdome import sphere
+from helpers import stiff_radiance
 from lightdome.cache import key_of
-from lightdome.device import Device
-from lightdome.envmap import EnvironmentMap
-from lightdome.programs import Programs
+from lightdome.lighting import exact as exact_module
+from lightdome.maps.envmap import EnvironmentMap
+from lightdome.opencl.device import Device
+from lightdome.opencl.programs import Programs
 
 
 @pytest.fixture
@@ -24,37 +24,37 @@ def calls(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[int]:
         made.append(resolution)
         return np.full((resolution, resolution, 3), envmap.radiance.sum(), np.float32)
 
-    monkeypatch.setattr(sphere, "exact", exact)
+    monkeypatch.setattr(exact_module, "exact", exact)
     return made
 
 
 def test_the_same_image_is_computed_once(device: Device, calls: list[int]) -> None:
     envmap = EnvironmentMap(np.ones((4, 8, 3)))
-    first = sphere.exact_kept(device, envmap, 5)
-    np.testing.assert_array_equal(sphere.exact_kept(device, EnvironmentMap(np.ones((4, 8, 3))), 5), first)
+    first = exact_module.exact_kept(device, envmap, 5)
+    np.testing.assert_array_equal(exact_module.exact_kept(device, EnvironmentMap(np.ones((4, 8, 3))), 5), first)
     assert calls == [5]
 
 
 def test_another_map_resolution_integral_or_convention_is_another_image(
     device: Device, calls: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sphere.exact_kept(device, EnvironmentMap(np.ones((4, 8, 3))), 5)
-    sphere.exact_kept(device, EnvironmentMap(np.ones((8, 4, 3))), 5)
-    sphere.exact_kept(device, EnvironmentMap(np.eye(4, 8)[..., None].repeat(3, 2)), 5)
-    sphere.exact_kept(device, EnvironmentMap(np.ones((4, 8, 3))), 6)
-    sphere.exact_kept(device, EnvironmentMap(np.ones((4, 8, 3))), 5, "areas")
-    monkeypatch.setattr(sphere, "CONVENTION", "upside down")
-    sphere.exact_kept(device, EnvironmentMap(np.ones((4, 8, 3))), 5)
+    exact_module.exact_kept(device, EnvironmentMap(np.ones((4, 8, 3))), 5)
+    exact_module.exact_kept(device, EnvironmentMap(np.ones((8, 4, 3))), 5)
+    exact_module.exact_kept(device, EnvironmentMap(np.eye(4, 8)[..., None].repeat(3, 2)), 5)
+    exact_module.exact_kept(device, EnvironmentMap(np.ones((4, 8, 3))), 6)
+    exact_module.exact_kept(device, EnvironmentMap(np.ones((4, 8, 3))), 5, "areas")
+    monkeypatch.setattr(exact_module, "CONVENTION", "upside down")
+    exact_module.exact_kept(device, EnvironmentMap(np.ones((4, 8, 3))), 5)
     assert calls == [5, 5, 5, 6, 5, 5]
 
 
 @pytest.mark.parametrize(
     ("kernel", "text", "other"),
     [
-        ("arc_sums", "const float s = scale[y];", "const float s = 2.0f * scale[y];"),
-        ("exact", "float3 rgb = light_of(", "float3 rgb = 2.0f * light_of("),
-        ("exact_areas", "float3 rgb = light_of(", "float3 rgb = 2.0f * light_of("),
-        ("exact", "return (float3)(a, b, c2", "return (float3)(a, -b, c2"),
+        ("lighting/arc_sums", "const float s = scale[y];", "const float s = 2.0f * scale[y];"),
+        ("lighting/exact", "float3 rgb = light_of(", "float3 rgb = 2.0f * light_of("),
+        ("lighting/exact_areas", "float3 rgb = light_of(", "float3 rgb = 2.0f * light_of("),
+        ("lighting/exact", "return (float3)(a, b, c2", "return (float3)(a, -b, c2"),
     ],
     ids=["of both", "of centres", "of areas", "a header"],
 )
@@ -69,22 +69,22 @@ def test_an_image_of_other_kernels_is_not_used(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     envmap = EnvironmentMap(stiff_radiance(9, 14))
     changed = replace(device, programs=Changed(device.context, FUSED=1))
-    for pixels in sphere.PIXELS:
-        kept = sphere.exact_kept(device, envmap, 5, pixels)
-        again = sphere.exact_kept(changed, envmap, 5, pixels)
-        np.testing.assert_array_equal(again, sphere.exact(changed, envmap, 5, pixels=pixels))
-        is_concerned = kernel in ("arc_sums", sphere.KERNELS[pixels])
+    for pixels in exact_module.PIXELS:
+        kept = exact_module.exact_kept(device, envmap, 5, pixels)
+        again = exact_module.exact_kept(changed, envmap, 5, pixels)
+        np.testing.assert_array_equal(again, exact_module.exact(changed, envmap, 5, pixels=pixels))
+        is_concerned = kernel in ("lighting/arc_sums", exact_module.KERNELS[pixels])
         assert np.allclose(again, kept) != is_concerned
-        np.testing.assert_array_equal(sphere.exact_kept(device, envmap, 5, pixels), kept)
+        np.testing.assert_array_equal(exact_module.exact_kept(device, envmap, 5, pixels), kept)
 
 
 def test_a_damaged_image_is_computed_again(device: Device, calls: list[int], tmp_path: Path) -> None:
     envmap = EnvironmentMap(np.ones((4, 8, 3)))
-    image = sphere.exact_kept(device, envmap, 5)
+    image = exact_module.exact_kept(device, envmap, 5)
     (path,) = (tmp_path / "lightdome" / "exact").iterdir()
     for damaged in (path.read_bytes()[:-1], b"\1" + path.read_bytes()[1:], b""):
         path.write_bytes(damaged)
-        np.testing.assert_array_equal(sphere.exact_kept(device, envmap, 5), image)
+        np.testing.assert_array_equal(exact_module.exact_kept(device, envmap, 5), image)
     assert len(calls) == 4
 
 
@@ -94,7 +94,7 @@ def test_without_a_place_nothing_is_kept(
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     for _ in range(2):
-        sphere.exact_kept(device, EnvironmentMap(np.ones((4, 8, 3))), 5)
+        exact_module.exact_kept(device, EnvironmentMap(np.ones((4, 8, 3))), 5)
     assert calls == [5, 5]
 
 

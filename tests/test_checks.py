@@ -11,21 +11,25 @@ from types import SimpleNamespace
 import lightdome
 import numpy as np
 import pytest
-from conftest import stiff_radiance
-from lightdome import checks, equiarea, fresnel, mediancut, pbrt, product, reference
-from lightdome.device import Device
+from helpers import stiff_radiance
+from lightdome import checks, fresnel, pbrt, reference
 from lightdome.disc import disc_mask
-from lightdome.distribution import build_distribution
-from lightdome.envmap import EnvironmentMap, column_angles, row_angles, solid_angles
 from lightdome.errors import LightdomeError
-from lightdome.harmonics import Harmonics, clamped_cosine, project, shade_harmonics
-from lightdome.images import ImageRows, auto_exposure, read_image, tone_map, write_image
-from lightdome.lights import Lights, write_csv, write_pbrt
-from lightdome.markers import mark_pixels
-from lightdome.mediancut import median_cut
-from lightdome.render import render
-from lightdome.samples import Samples
-from lightdome.sphere import exact, exact_kept, shade, shade_samples
+from lightdome.lighting.exact import exact, exact_kept
+from lightdome.lighting.harmonics import Harmonics, clamped_cosine, project, shade_harmonics
+from lightdome.lighting.lights import Lights, write_csv, write_pbrt
+from lightdome.lighting.median_cut import median_cut, regions
+from lightdome.lighting.shade import shade, shade_samples
+from lightdome.maps.envmap import EnvironmentMap
+from lightdome.maps.geometry import column_angles, row_angles, solid_angles
+from lightdome.maps.images import ImageRows, auto_exposure, read_image, tone_map, write_image
+from lightdome.maps.markers import mark_pixels
+from lightdome.opencl.device import Device
+from lightdome.pbrt import equal_area
+from lightdome.rendering import product
+from lightdome.rendering.per_pixel import render
+from lightdome.sampling.distribution import build_distribution
+from lightdome.sampling.samples import Samples
 
 UP = np.array([[0, 1, 0]], np.float32)
 FLUX = np.ones((1, 3))
@@ -78,7 +82,7 @@ WRONG: dict[str, tuple[Callable[[Given], object], tuple[str, ...]]] = {
     "project exchanged": (lambda g: project(g.envmap, g.device), ("Device", "EnvironmentMap")),
     "shade_harmonics exchanged": (lambda g: shade_harmonics(g.harmonics, g.device), ("Device", "Harmonics")),
     "median_cut device": (lambda g: median_cut(g.device, 4), ("Distribution", "Device")),
-    "regions map": (lambda g: mediancut.regions(g.envmap, 4), ("Distribution", "EnvironmentMap")),
+    "regions map": (lambda g: regions(g.envmap, 4), ("Distribution", "EnvironmentMap")),
     "product map": (lambda g: product.build_product_cdfs(g.envmap, 4), ("Distribution", "EnvironmentMap")),
     "render map": (lambda g: render(g.envmap, [4]), ("Distribution", "EnvironmentMap")),
     "sample_file exchanged": (lambda g: lightdome.sample_file(g.rows, g.device, [4]), ("Device", "ImageRows")),
@@ -242,8 +246,8 @@ WRONG: dict[str, tuple[Callable[[Given], object], tuple[str, ...]]] = {
     "gamma": (lambda g: tone_map(IMAGE, 1.0, -2.2), ("gamma", "-2.2")),
     "gamma inf": (lambda g: tone_map(IMAGE, 1.0, np.inf), ("gamma", "inf")),
     "exposure of NaN": (lambda g: auto_exposure(with_value(np.nan)), ("NaN", "1")),
-    "side": (lambda g: equiarea.to_equal_area(IMAGE, 5), ("even", "5")),
-    "side of what": (lambda g: equiarea.to_equal_area(IMAGE[0]), ("(H, W, 3)", "(4, 3)")),
+    "side": (lambda g: equal_area.to_equal_area(IMAGE, 5), ("even", "5")),
+    "side of what": (lambda g: equal_area.to_equal_area(IMAGE[0]), ("(H, W, 3)", "(4, 3)")),
     "marker": (lambda g: mark_pixels(IMAGE.copy(), np.array([[0, 0]]), 0, (0, 0, 1)), ("size", "0")),
     "marker list": (lambda g: mark_pixels(IMAGE.tolist(), [[0, 0]], 1, (0, 0, 1)), ("image", "ndarray")),
     "marker on a map": (lambda g: mark_pixels(g.envmap.radiance, [[0, 0]], 1, (0, 0, 1)), ("read-only", "copy")),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import http.server
-import importlib.util
 import os
 import signal
 import socket
@@ -20,21 +19,11 @@ from types import ModuleType
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from conftest import LONG, ROOT
+from helpers import LONG, ROOT, module_of
 
 MAP = ROOT / "data" / "default.exr"
-MAKE = ROOT / "scripts" / "make_default_map.py"
+MAKE = ROOT / "data" / "make_default_map.py"
 GET = ROOT / "scripts" / "get_grace.py"
-
-
-def load(path: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(f"script_{path.stem}", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
 
 
 def script(path: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
@@ -86,7 +75,7 @@ def test_default_map_has_the_dynamic_range_of_a_dark_interior(default_map: np.nd
 
 def test_default_map_and_its_script_agree(default_map: np.ndarray) -> None:
     rows = [1, 158, 201, 333, 470, 511]
-    again = load(MAKE).render_rows(rows)
+    again = module_of("make_default_map").render_rows(rows)
     # Neighbouring values of the file are four half-float steps apart (see render_rows).
     steps = np.abs(again.view(np.int16).astype(int) - default_map[rows].view(np.int16).astype(int))
     assert steps.max() <= 4
@@ -119,7 +108,7 @@ def test_default_map_lights_warmly_from_the_upper_left_and_coolly_from_the_right
 def test_making_the_map_refuses_a_bad_target_before_the_work(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    make = load(MAKE)
+    make = module_of("make_default_map")
     monkeypatch.setattr(make, "render", lambda: pytest.fail("the work was begun"))
 
     def refused(name: str) -> tuple[object, str]:
@@ -212,7 +201,7 @@ def server() -> Iterator[str]:
 def get_grace(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     for name in set(os.environ) - set(quiet()):
         monkeypatch.delenv(name)
-    return load(GET)
+    return module_of("get_grace")
 
 
 def assert_failed(result: subprocess.CompletedProcess[str], folder: Path, *words: str) -> None:

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import LONG, ROOT
+from helpers import LONG, ROOT
 
 
 @pytest.mark.parametrize("script", ["part2_sample", "part4_pbrt", "bench", "report"])

@@ -19,8 +19,8 @@ from pathlib import Path
 
 import lightdome
 import pytest
-from conftest import LONG, ROOT, Script
-from lightdome.images import read_image, write_image
+from helpers import LONG, ROOT, Script
+from lightdome.maps.images import read_image, write_image
 
 PAGES = [*ROOT.glob("*.md"), ROOT / "data" / "README.md", *(ROOT / "docs").rglob("*.md")]
 SCRIPTS = sorted(path.stem for path in (ROOT / "scripts").glob("[!_]*.py"))
@@ -29,11 +29,11 @@ NOT_RUN = "# not run by the tests: "
 
 # What makes a command cheap; the last of two equal options counts.
 CHEAP = {
-    "python tests/fuzz.py": "--count 5",
+    "python tests/tools/fuzz.py": "--count 5",
     "scripts/bench.py": "--methods sobol mis --resolution 31 --counts 16 --spp 2 --seeds 1 --repeats 1",
     "scripts/part3_shade.py": "--resolution 31",
     "scripts/part4_pbrt.py": "--spp 1 2 --resolution 31",
-    "scripts/test": "--collect-only tests/test_sequences.py",
+    "scripts/test": "--collect-only tests/sampling/test_sequences.py",
 }
 
 # In place of scripts/setup.sh: the machine is set up.
@@ -145,7 +145,7 @@ def test_links_and_images_resolve(page: Path) -> None:
 def test_files_that_are_named_are_there(page: Path) -> None:
     ours = {
         path.name
-        for folder in ("clkernels", "pyhost", "scripts", "tests", "docs")
+        for folder in ("clkernels", "pyhost", "scripts", "tests", "docs", "data")
         for path in (ROOT / folder).rglob("*")
     } | {"setup.py"}
     for name in re.findall(r"`(?:\w+/)*(\w+\.(?:py|cl|clh|sh))`", page.read_text(encoding="utf-8")):
@@ -191,11 +191,13 @@ def test_the_api_reference_builds_without_a_warning(tmp_path: Path) -> None:
     index = (tmp_path / "lightdome.html").read_text(encoding="utf-8")
     for name in lightdome.__all__:
         assert f'id="{name}"' in index, name
-    for page in (tmp_path / "lightdome").iterdir():
+    for page in (tmp_path / "lightdome").rglob("*.html"):
         for text in re.findall(r'<div class="docstring">(.*?)</div>', page.read_text(encoding="utf-8"), re.DOTALL):
             assert "</code>  " not in text, f"{page.name}: a list that is not written as one: {text}"
-    modules = {path.stem for path in (ROOT / "pyhost").glob("*.py")} - {"__init__"}
-    assert {path.stem for path in (tmp_path / "lightdome").glob("*.html")} == modules
+    files = {path.relative_to(ROOT / "pyhost") for path in (ROOT / "pyhost").rglob("*.py")}
+    modules = {file.parent if file.name == "__init__.py" else file.with_suffix("") for file in files}
+    pages = {path.relative_to(tmp_path / "lightdome").with_suffix("") for path in tmp_path.rglob("lightdome/**/*.html")}
+    assert pages == modules - {Path(), Path("commands/__main__")}
 
 
 def test_the_version_is_written_once() -> None:

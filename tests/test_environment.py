@@ -9,9 +9,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import LONG, Script, fails_in_one_line, stiff_radiance
+from helpers import LONG, Script, fails_in_one_line, stiff_radiance
 from lightdome.errors import exactly, shown
-from lightdome.images import write_image
+from lightdome.maps.images import write_image
 
 JUPYTER = "module://matplotlib_inline.backend_inline"
 ODD = os.fsdecode(b"od\xff d\xc3\xa9j\xc3\xa0")  # no UTF-8, as a folder of an old system has it
@@ -36,22 +36,23 @@ def test_plots_do_not_depend_on_a_backend(script: Script, tmp_path: Path, backen
 
 
 def test_modules_that_plot_load_without_the_backend_that_is_asked_for(tmp_path: Path) -> None:
-    modules = ("stability_plot", "roofline_plot", "report_figures", "fresnel_plot", "benchmark_plot")
-    program = f"import lightdome, os\nfor m in {modules}: getattr(lightdome, m)\nprint(os.environ['MPLBACKEND'])"
+    names = ("stability_plot", "roofline_plot", "report_figures", "benchmark_plot")
+    modules = ("lightdome.fresnel.plot", *(f"lightdome.evaluation.{name}" for name in names))
+    program = f"import importlib, os\nfor m in {modules}: importlib.import_module(m)\nprint(os.environ['MPLBACKEND'])"
     result = python(program, tmp_path, MPLBACKEND=JUPYTER)
     assert result.returncode == 0, result.stderr
     assert result.stdout.strip() == JUPYTER  # for those who have it
 
 
 def test_a_user_s_matplotlib_keeps_the_backend_that_he_asks_for(tmp_path: Path) -> None:
-    program = "import lightdome.fresnel_plot, matplotlib; print(matplotlib.get_backend())"
+    program = "import lightdome.fresnel.plot, matplotlib; print(matplotlib.get_backend())"
     assert python(program, tmp_path, MPLBACKEND="svg").stdout.strip() == "svg"
 
 
 def test_a_user_s_settings_of_matplotlib_do_not_change_a_plot(tmp_path: Path) -> None:
     program = (
-        "from lightdome.benchmark import Measurement\n"
-        "from lightdome.benchmark_plot import error_against_time, save\n"
+        "from lightdome.evaluation.benchmark import Measurement\n"
+        "from lightdome.evaluation.benchmark_plot import error_against_time, save\n"
         "from pathlib import Path\n"
         "points = [Measurement('sobol', 'shared', n, 1, 1 / n, 0, 0, 0, n / 1e3, 0, 0) for n in (4, 16)]\n"
         "save(error_against_time(points, 'a $name$ with \\\\frac, 日, \\udcff'), Path('plot.png'))\n"

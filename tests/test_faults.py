@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections import Counter
 
-from conftest import ROOT
+from helpers import ROOT
 
 sys.path.append(str(ROOT / "tests" / "tools"))
 import faults

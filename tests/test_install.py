@@ -17,10 +17,10 @@ from types import SimpleNamespace
 
 import lightdome
 import pytest
-from conftest import LONG, ROOT, fails_in_one_line
+from helpers import LONG, ROOT, fails_in_one_line
 from lightdome import cache
-from lightdome.device import Device
 from lightdome.errors import LightdomeError
+from lightdome.opencl.device import Device
 
 SCRIPTS = sorted((ROOT / "scripts").glob("[!_]*.py"))
 LESSONS = sorted((ROOT / "docs" / "tutorial").glob("*.py"))

@@ -23,9 +23,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import LONG, ROOT
-from lightdome.device import Device
-from lightdome.samples import Samples
+from helpers import LONG, ROOT, script_path
+from lightdome.opencl.device import Device
+from lightdome.sampling.samples import Samples
 
 SCRIPTS = {
     "part1_fresnel": (),
@@ -57,7 +57,7 @@ class Run:
         (self.folder / "cache" / "pocl").mkdir(parents=True, exist_ok=True)
         out = "out.exr" if self.name in ("get_grace", "make_default_map") else "out"
         return subprocess.Popen(
-            [sys.executable, str(ROOT / "scripts" / f"{self.name}.py"), *(SCRIPTS | OTHERS)[self.name], "--out", out],
+            [sys.executable, str(script_path(self.name)), *(SCRIPTS | OTHERS)[self.name], "--out", out],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             cwd=self.folder,
@@ -204,7 +204,7 @@ def test_a_signal_is_heard_while_modules_are_loaded(name: str, number: signal.Si
     # A module that all scripts load, and that takes long.
     (tmp_path / "argparse.py").write_text("print('loading', flush=True)\nimport time\ntime.sleep(600)\n")
     process = subprocess.Popen(
-        [sys.executable, str(ROOT / "scripts" / f"{name}.py")],
+        [sys.executable, str(script_path(name))],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         env={**os.environ, "PYTHONPATH": str(tmp_path)},
@@ -243,14 +243,14 @@ def test_a_signal_does_not_reach_a_compiler_s_children(
 
 LOOP = """
 import time
-from lightdome import cli
+from lightdome import console
 
 def main():
     print("now")
     while True:
         time.sleep(0.01)
 
-cli.run(main)
+console.run(main)
 """
 
 
@@ -270,7 +270,7 @@ LONG_CALL = """
 import sys, time
 import numpy as np
 from pathlib import Path
-from lightdome import cli
+from lightdome import console
 from lightdome.files import replacing
 
 def main():
@@ -279,7 +279,7 @@ def main():
         print("now")
         np.linalg.eig(np.random.default_rng(1).random((3000, 3000)))  # tens of seconds in one call
 
-cli.run(main)
+console.run(main)
 """
 
 
@@ -304,7 +304,7 @@ def test_a_signal_that_a_shell_ignores_stays_ignored(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     for program in (
         f"import _start, os, signal; {heard}",
-        f"import os, signal; from lightdome import cli; cli.run(lambda: {heard})",
+        f"import os, signal; from lightdome import console; console.run(lambda: {heard})",
     ):
         script.write_text(program)
         command = ["sh", "-c", 'trap "" INT; exec "$@"', "sh", sys.executable, script]

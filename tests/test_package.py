@@ -8,9 +8,13 @@ from pathlib import Path
 
 import lightdome
 import pytest
-from conftest import LONG, ROOT
+from helpers import LONG, ROOT
 
-MODULES = sorted(path.stem for path in (ROOT / "pyhost").glob("*.py") if path.stem != "__init__")
+MODULES = sorted(
+    path.stem
+    for path in (ROOT / "pyhost").iterdir()
+    if path.stem != "__init__" and (path.suffix == ".py" or (path / "__init__.py").exists())
+)
 
 
 def python(program: str, *options: str) -> subprocess.CompletedProcess[str]:

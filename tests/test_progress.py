@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import LONG, ROOT, stiff_radiance
+from helpers import LONG, ROOT, stiff_radiance
 from lightdome import progress
-from lightdome.images import write_image
+from lightdome.maps.images import write_image
 from lightdome.progress import Progress
 
 

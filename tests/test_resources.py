@@ -16,15 +16,16 @@ from pathlib import Path
 import numpy as np
 import pyopencl as cl
 import pytest
-from conftest import ROOT, Script, fails_in_one_line, stiff_radiance
-from lightdome import cache, cli, programs
-from lightdome.device import Device
-from lightdome.distribution import build_distribution
-from lightdome.envmap import EnvironmentMap
+from helpers import ROOT, Script, fails_in_one_line, stiff_radiance
+from lightdome import cache, console
 from lightdome.errors import LightdomeError
 from lightdome.files import replacing
-from lightdome.images import write_image
-from lightdome.programs import Programs
+from lightdome.maps.envmap import EnvironmentMap
+from lightdome.maps.images import write_image
+from lightdome.opencl import programs
+from lightdome.opencl.device import Device
+from lightdome.opencl.programs import Programs
+from lightdome.sampling.distribution import build_distribution
 
 
 @pytest.fixture(scope="module")
@@ -193,7 +194,7 @@ def test_an_array_larger_than_the_device_holds_is_refused(device: Device) -> Non
 )
 def test_too_little_memory_is_one_line(capsys: pytest.CaptureFixture[str], main: Callable[[], object]) -> None:
     with pytest.raises(SystemExit) as ended:
-        cli.run(main)
+        console.run(main)
     assert ended.value.code == 1
     error = capsys.readouterr().err
     assert "not enough memory" in error
@@ -206,7 +207,7 @@ def test_too_little_memory_is_one_line(capsys: pytest.CaptureFixture[str], main:
 )
 def test_a_defect_keeps_its_traceback(error: Exception) -> None:
     with pytest.raises(type(error)):
-        cli.run(raising(error))
+        console.run(raising(error))
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from conftest import LONG, ROOT
+from helpers import LONG, ROOT
 
 # The system's programs that set-up, the stand-ins and nothing else may find.
 # fmt: off

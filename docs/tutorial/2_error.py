@@ -8,7 +8,7 @@ try:
     import lightdome
     import numpy as np
     from lightdome.reference import relative_rmse
-    from lightdome.render import render
+    from lightdome.rendering import render
 except ImportError:
     sys.exit("lightdome is not installed for this Python; run scripts/demo, then the lesson with .venv/bin/python")
 

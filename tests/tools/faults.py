@@ -15,7 +15,7 @@ from functools import partial
 class Fault:
     """``text`` in ``file`` becomes ``replacement``; ``why`` is what somebody may have thought."""
 
-    area: str  # kernels, host or scripts
+    area: str  # kernels, host or commands
     name: str
     file: str
     text: str
@@ -31,7 +31,7 @@ class Fault:
 DRAWS = ("test_sequences.py", "test_distribution.py", "test_launches.py", "test_stability.py")
 SPHERE = ("test_sphere.py", "test_launches.py")
 RENDER = ("test_render.py", "test_devices.py", "test_launches.py")
-CUT = ("test_mediancut.py",)
+CUT = ("test_median_cut.py",)
 FRESNEL = ("test_fresnel.py",)
 OPTIONS = ("test_options.py", "test_scripts.py", "test_commands.py", "test_settings.py")
 SHOWN = ("test_shown_numbers.py",)
@@ -44,7 +44,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "azimuth_sums.cl": ("test_harmonics.py", "test_launches.py"),
     "block_search.clh": DRAWS,
     "cells.cl": RENDER,
-    "choose_rows.cl": ("test_banded.py",),
+    "choose_rows.cl": ("test_streaming.py",),
     "column_sums.cl": CUT,
     "copy.cl": ("test_roofline.py",),
     "double_word.clh": ("test_distribution.py", "test_sphere.py", "test_stability.py"),
@@ -53,7 +53,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "guide.cl": DRAWS,
     "guided.clh": DRAWS,
     "harmonics.cl": ("test_harmonics.py", "test_launches.py"),
-    "invert_cdf.clh": ("test_banded.py",),
+    "invert_cdf.clh": ("test_streaming.py",),
     "light_groups.cl": SPHERE,
     "map_row.clh": ("test_distribution.py",),
     "map_weights.cl": ("test_distribution.py",),
@@ -77,32 +77,41 @@ TESTS: dict[str, tuple[str, ...]] = {
     "sphere.clh": SPHERE,
     "stream.clh": DRAWS,
     # the host
-    "banded.py": ("test_banded.py", "test_launches.py"),
+    "streaming.py": ("test_streaming.py", "test_launches.py"),
     "benchmark.py": (*SHOWN, "test_benchmark.py", "test_options.py"),
     "benchmark_plot.py": (*SHOWN, "test_benchmark.py"),
-    "buffers.py": ("test_resources.py", "test_distribution.py", "test_device.py"),
+    "memory.py": ("test_resources.py", "test_distribution.py", "test_device.py"),
     "cache.py": ("test_cache.py", "test_install.py", "test_resources.py"),
     "checks.py": ("test_checks.py", "test_samples.py", "test_lights.py"),
     "cli.py": ("test_default_map.py", "test_commands.py", "test_options.py", "test_scripts.py", "test_resources.py"),
+    "console.py": (
+        "test_default_map.py",
+        "test_commands.py",
+        "test_options.py",
+        "test_scripts.py",
+        "test_resources.py",
+    ),
     "device.py": ("test_device.py",),
     "disc.py": ("test_sphere.py", "test_render.py"),
     "distribution.py": ("test_distribution.py", "test_launches.py", "test_checks.py"),
     "envmap.py": ("test_envmap.py", "test_distribution.py"),
-    "equiarea.py": ("test_pbrt.py",),
+    "geometry.py": ("test_envmap.py", "test_distribution.py"),
+    "equal_area.py": ("test_pbrt.py",),
     "exr.py": ("test_exr.py",),
     "files.py": ("test_resources.py",),
     "float_range.py": ("test_sphere.py", "test_stability.py"),
-    "fresnel.py": FRESNEL,
-    "fresnel_plot.py": FRESNEL,
+    "equations.py": FRESNEL,
+    "plot.py": FRESNEL,
     "harmonics.py": ("test_harmonics.py", "test_launches.py"),
     "horizon.py": SPHERE,
-    "images.py": ("test_images.py", "test_banded.py"),
+    "images.py": ("test_images.py", "test_streaming.py"),
     "interrupts.py": ("test_interrupted.py::test_the_exit_status_says_which_signal_ended_a_script",),
     "lights.py": ("test_lights.py",),
     "markers.py": ("test_scripts.py",),
-    "mediancut.py": CUT,
-    "pbrt.py": ("test_pbrt.py",),
-    "pbrt_check.py": ("test_pbrt.py",),
+    "median_cut.py": CUT,
+    "run.py": ("test_pbrt.py",),
+    "scenes.py": ("test_pbrt.py",),
+    "check.py": ("test_pbrt.py",),
     "peer_numpy.py": ("test_peers.py",),
     "peer_pbrt.py": ("test_peers.py",),
     "peers.py": ("test_peers.py",),
@@ -113,7 +122,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "radiance_hdr.py": ("test_hdr.py",),
     "rates.py": ("test_device.py",),
     "reference.py": ("test_stability.py", "test_sphere.py"),
-    "render.py": RENDER,
+    "per_pixel.py": RENDER,
     "report.py": (*SHOWN, "test_report.py"),
     "report_figures.py": (*SHOWN, "test_report.py"),
     "roofline.py": (*SHOWN, "test_roofline.py"),
@@ -121,23 +130,24 @@ TESTS: dict[str, tuple[str, ...]] = {
     "roofline_stages.py": ("test_roofline.py",),
     "samples.py": ("test_samples.py", "test_checks.py", "test_sphere.py"),
     "settings.py": ("test_settings.py", "test_report.py"),
-    "sphere.py": SPHERE,
+    "exact.py": SPHERE,
+    "shade.py": SPHERE,
     "stability.py": (*SHOWN, "test_stability.py"),
     "stability_plot.py": (*SHOWN, "test_stability.py"),
-    # the scripts
-    "scripts/report.py": ("test_options.py", "test_report.py"),
-    "scripts/stability.py": ("test_options.py", "test_stability.py"),
+    # the commands
+    "commands/report.py": ("test_options.py", "test_report.py"),
+    "commands/stability.py": ("test_options.py", "test_stability.py"),
     "_start.py": ("test_install.py", "test_interrupted.py::test_a_signal_that_a_shell_ignores_stays_ignored"),
     "bench.py": ("test_options.py", *SHOWN, "test_benchmark.py", "test_peers.py"),
     "get_grace.py": ("test_data.py",),
     "part1_fresnel.py": ("test_options.py", "test_fresnel.py", "test_commands.py"),
-    "part2_sample.py": (*OPTIONS, "test_banded.py"),
+    "part2_sample.py": (*OPTIONS, "test_streaming.py"),
     "part3_shade.py": OPTIONS,
     "get_pbrt.py": ("test_pbrt.py",),
     "part4_pbrt.py": (*OPTIONS, "test_pbrt.py"),
 }
 
-kernel, host, script = (partial(Fault, area) for area in ("kernels", "host", "scripts"))
+kernel, host, command = (partial(Fault, area) for area in ("kernels", "host", "commands"))
 
 FAULTS: list[Fault] = [
     # ---- kernels: points and searches ----
@@ -168,7 +178,7 @@ FAULTS: list[Fault] = [
         "index % 2 == 0 ? words.xy : words.zw",
         "words.xy",
         "half of a counter's words forgotten",
-        ("test_banded.py", "test_sequences.py"),
+        ("test_streaming.py", "test_sequences.py"),
     ),
     kernel(
         "independent block: kept words dropped",
@@ -735,21 +745,21 @@ FAULTS: list[Fault] = [
     # ---- the host: maps, samples, numbers ----
     host(
         "rows begin at the pole",
-        "envmap.py",
+        "geometry.py",
         "np.pi * (np.arange(height) + 0.5) / height",
         "np.pi * np.arange(height) / height",
         "half a pixel",
     ),
     host(
         "columns begin at an edge",
-        "envmap.py",
+        "geometry.py",
         "2 * np.pi * (np.arange(width) + 0.5) / width",
         "2 * np.pi * np.arange(width) / width",
         "half a pixel",
     ),
     host(
         "solid angles by the midpoint",
-        "envmap.py",
+        "geometry.py",
         "2 * np.pi / width * 2 * np.sin(np.pi / (2 * height)) * np.sin(row_angles(height))",
         "2 * np.pi / width * np.pi / height * np.sin(row_angles(height))",
         "an integral taken for its midpoint",
@@ -883,22 +893,22 @@ FAULTS: list[Fault] = [
     ),
     host(
         "bands: a row's place in the map is that in its band",
-        "banded.py",
+        "streaming.py",
         "rows[samples.pixel[:, 1]]], axis=1)",
         "samples.pixel[:, 1]], axis=1)",
         "an offset forgotten",
     ),
     host(
         "bands: the map's scale is 1",
-        "banded.py",
+        "streaming.py",
         "scale = range_scale(inspection.peak)",
         "scale = 1.0",
         "a rare branch",
     ),
-    host("bands: seed 0", "banded.py", "key = philox_key(seed)", "key = philox_key(0)", "an option ignored"),
+    host("bands: seed 0", "streaming.py", "key = philox_key(seed)", "key = philox_key(0)", "an option ignored"),
     host(
         "bands: bad pixels pass in the second reading",
-        "banded.py",
+        "streaming.py",
         "mended = inspection.mended(pixels)",
         "mended = pixels",
         "one of two places",
@@ -996,7 +1006,7 @@ FAULTS: list[Fault] = [
     # ---- the host: images ----
     host(
         "shade: launches all begin at 0",
-        "sphere.py",
+        "shade.py",
         "                global_offset=(begin,),\n",
         "",
         "an offset that one launch never needs",
@@ -1010,36 +1020,36 @@ FAULTS: list[Fault] = [
     ),
     host(
         "shade: the last launch is cut off",
-        "sphere.py",
+        "shade.py",
         "count = min(step, len(tiles) - begin)",
         "count = min(step, len(tiles) - begin - (begin > 0))",
         "a remainder dropped",
     ),
     host(
         "shade: albedo without pi",
-        "sphere.py",
+        "shade.py",
         "reflected = flux * (albedo / np.pi)",
         "reflected = flux * albedo",
         "a constant",
     ),
     host(
         "shade: albedo ignored",
-        "sphere.py",
+        "shade.py",
         "reflected = flux * (albedo / np.pi)",
         "reflected = flux / np.pi",
         "an option ignored",
     ),
-    host("exact: albedo ignored", "sphere.py", "image *= albedo / scale", "image *= 1 / scale", "an option ignored"),
+    host("exact: albedo ignored", "exact.py", "image *= albedo / scale", "image *= 1 / scale", "an option ignored"),
     host(
         "exact: weights by centres for areas",
-        "sphere.py",
+        "exact.py",
         "area_moments(height, width) if areas else sine_cosine(theta)",
         "sine_cosine(theta)",
         "a table of the other integral",
     ),
     host(
         "exact kept: the resolution is not in the key",
-        "sphere.py",
+        "exact.py",
         "pixels, str(resolution), *of_map)",
         "pixels, *of_map)",
         "a key that leaves something out",
@@ -1048,7 +1058,7 @@ FAULTS: list[Fault] = [
     ),
     host(
         "exact kept: the integral is not in the key",
-        "sphere.py",
+        "exact.py",
         "__version__, *kernels, pixels, str(resolution)",
         "__version__, str(resolution)",
         "a key that leaves something out",
@@ -1056,7 +1066,7 @@ FAULTS: list[Fault] = [
     ),
     host(
         "exact kept: the radiance is not in the key",
-        "sphere.py",
+        "exact.py",
         "str(envmap.radiance.shape), envmap.radiance.data",
         "(str(envmap.radiance.shape),)",
         "a key that leaves something out",
@@ -1064,7 +1074,7 @@ FAULTS: list[Fault] = [
     ),
     host(
         "exact kept: the kernels are not in the key",
-        "sphere.py",
+        "exact.py",
         "__version__, *kernels, pixels,",
         "__version__, pixels,",
         "a key that leaves something out",
@@ -1072,7 +1082,7 @@ FAULTS: list[Fault] = [
     ),
     host(
         "exact kept: the headers of kernels are not in the key",
-        "sphere.py",
+        "exact.py",
         "device.programs.text(name)",
         "name",
         "a name taken for the text",
@@ -1123,36 +1133,36 @@ FAULTS: list[Fault] = [
     ),
     host(
         "render: samples begin at 0 in each launch",
-        "render.py",
+        "per_pixel.py",
         "np.uint32(done), np.uint32(end)",
         "np.uint32(0), np.uint32(end - done)",
         "the same samples again",
     ),
     host(
         "render: the mean over the last image's samples",
-        "render.py",
+        "per_pixel.py",
         "np.pi * flux / target",
         "np.pi * flux / spp[-1]",
         "a count of another image",
     ),
-    host("render: seed 0", "render.py", "key = philox_key(seed)", "key = philox_key(0)", "an option ignored"),
+    host("render: seed 0", "per_pixel.py", "key = philox_key(seed)", "key = philox_key(0)", "an option ignored"),
     host(
         "render: compensation without its offset",
-        "render.py",
+        "per_pixel.py",
         "            offset = mean\n",
         "            offset = 0.0\n",
         "one of two places",
     ),
     host(
         "render: compensation keeps the flux",
-        "render.py",
+        "per_pixel.py",
         "flux = 3 * distribution.flux * (total / distribution.total)",
         "flux = 3 * distribution.flux",
         "a factor forgotten",
     ),
     host(
         "render: a launch sums all in single precision",
-        "render.py",
+        "per_pixel.py",
         "step = min(device.items_a_launch(SAMPLES_A_LAUNCH, len(disc)), SAMPLES_A_SUM)",
         "step = device.items_a_launch(SAMPLES_A_LAUNCH, len(disc))",
         "compensation dropped",
@@ -1180,28 +1190,28 @@ FAULTS: list[Fault] = [
     ),
     host(
         "median cut: the cap is the mean",
-        "mediancut.py",
+        "median_cut.py",
         "        if lower >= cap:\n            break\n        cap = lower\n",
         "        break\n",
         "Newton's first step taken for the last",
     ),
     host(
         "median cut: uncapped",
-        "mediancut.py",
+        "median_cut.py",
         "below, heavy, _ = sum_rows(cap)",
         "below, heavy, _ = sum_rows(UNCAPPED)",
         "a bright pixel takes all lights",
     ),
     host(
         "median cut: 8 bits fewer",
-        "mediancut.py",
+        "median_cut.py",
         "exponent = 62 - math.frexp(distribution.total)[1]",
         "exponent = 54 - math.frexp(distribution.total)[1]",
         "a constant: dim pixels taken for black",
     ),
     host(
         "median cut: the flux keeps the scale",
-        "mediancut.py",
+        "median_cut.py",
         "flux=flux / distribution.scale",
         "flux=flux",
         "a scale not undone",
@@ -1237,49 +1247,49 @@ FAULTS: list[Fault] = [
     # ---- the host: Fresnel ----
     host(
         "Fresnel: p and s exchanged",
-        "fresnel.py",
+        "equations.py",
         "return reflected_p[()], reflected_s[()]",
         "return reflected_s[()], reflected_p[()]",
         "the order of two results",
     ),
     host(
         "Fresnel: total reflection from the other side",
-        "fresnel.py",
+        "equations.py",
         "return None if b >= a else math.atan2",
         "return None if b <= a else math.atan2(a, math.sqrt((b - a) * (a + b))) if True else math.atan2",
         "sides exchanged",
     ),
     host(
         "Fresnel: a wrong angle of Schlick's error",
-        "fresnel.py",
+        "equations.py",
         "schlick_leaving_max_abs_error_at_deg=math.degrees(leaving.theta)",
         "schlick_leaving_max_abs_error_at_deg=math.degrees(entering.theta)",
         "the other side",
     ),
     host(
         "Fresnel: Schlick's angle in radians",
-        "fresnel.py",
+        "equations.py",
         "schlick_entering_max_abs_error_at_deg=math.degrees(entering.theta)",
         "schlick_entering_max_abs_error_at_deg=entering.theta",
         "a unit",
     ),
     host(
         "Fresnel: Brewster's angles exchanged",
-        "fresnel.py",
+        "equations.py",
         "brewster_leaving_deg=_degrees(brewster_angle(eta, 1.0))",
         "brewster_leaving_deg=_degrees(brewster_angle(1.0, eta))",
         "the other side",
     ),
     host(
         "Fresnel: Schlick by the fourth power",
-        "fresnel.py",
+        "equations.py",
         "(2 * np.sin(theta / 2) ** 2) ** 5",
         "(2 * np.sin(theta / 2) ** 2) ** 4",
         "a constant",
     ),
     host(
         "Fresnel: refraction beyond the critical angle",
-        "fresnel.py",
+        "equations.py",
         "np.where(g_squared < 0, np.nan, np.arctan2(n_i * s, g))",
         "np.arctan2(n_i * s, g)",
         "a case forgotten",
@@ -1287,41 +1297,41 @@ FAULTS: list[Fault] = [
     # ---- the host: PBRT and other programs ----
     host(
         "PBRT: seed 0",
-        "pbrt.py",
+        "scenes.py",
         "scene_text(version, count, resolution, albedo, seed, exponent)",
         "scene_text(version, count, resolution, albedo, 0, exponent)",
         "an option ignored",
     ),
     host(
         "PBRT: a port has no terminal for its bar",
-        "pbrt.py",
+        "run.py",
         "terminal=pbrt.port is not None",
         "terminal=False",
         "a program that prints less into a pipe",
     ),
     host(
         "PBRT: errors are not read",
-        "pbrt.py",
+        "run.py",
         "if _ERROR.search(line)), None)",
         "if False), None)",
         "an exit status trusted",
     ),
-    host("PBRT: warnings are dropped", "pbrt.py", "if _WARNING.search(line))", "if False)", "an output dropped"),
+    host("PBRT: warnings are dropped", "run.py", "if _WARNING.search(line))", "if False)", "an output dropped"),
     host(
-        "PBRT: the banner is quoted", "pbrt.py", "if line and not _BANNER.match(line)]", "if line]", "a filter left out"
+        "PBRT: the banner is quoted", "run.py", "if line and not _BANNER.match(line)]", "if line]", "a filter left out"
     ),
-    host("PBRT: rs_pbrt is taken", "pbrt.py", r'r"\brs_pbrt\b"', r'r"\bno_pbrt\b"', "a program that writes 8 bits"),
-    host("PBRT: a port's image as .pfm", "pbrt.py", '".exr" if self.port else ', "", "a special case forgotten"),
+    host("PBRT: rs_pbrt is taken", "run.py", r'r"\brs_pbrt\b"', r'r"\bno_pbrt\b"', "a program that writes 8 bits"),
+    host("PBRT: a port's image as .pfm", "run.py", '".exr" if self.port else ', "", "a special case forgotten"),
     host(
         "PBRT: the installed port is not found",
-        "pbrt.py",
+        "run.py",
         "if os.access(port, os.X_OK):",
         "if False:",
         "a place left out",
     ),
     host(
         "PBRT: a still bar is waited for",
-        "pbrt.py",
+        "run.py",
         "return now - self._moved > self._allowed",
         "return False",
         "no limit",
@@ -1334,44 +1344,44 @@ FAULTS: list[Fault] = [
         "a signal forgotten",
         ("test_pbrt.py",),
     ),
-    host("PBRT check: without the albedo", "pbrt_check.py", "albedo * _reflected(", "_reflected(", "a factor left out"),
+    host("PBRT check: without the albedo", "check.py", "albedo * _reflected(", "_reflected(", "a factor left out"),
     host(
         "PBRT check: upside down",
-        "pbrt_check.py",
+        "check.py",
         "(centre, -centre[:, None])",
         "(centre, centre[:, None])",
         "an axis mirrored",
     ),
     host(
         "PBRT check: a hundred standard errors",
-        "pbrt_check.py",
+        "check.py",
         "STANDARD_ERRORS = 10",
         "STANDARD_ERRORS = 100",
         "a wrong limit",
     ),
     host(
         "PBRT check: columns half",
-        "pbrt_check.py",
+        "check.py",
         "(np.pi / width) * (columns",
         "(np.pi / 2 / width) * (columns",
         "half an angle",
     ),
-    host("PBRT check: no noise", "pbrt_check.py", "STANDARD_ERRORS * error + 1e-300", "1e-300", "a term left out"),
-    script(
+    host("PBRT check: no noise", "check.py", "STANDARD_ERRORS * error + 1e-300", "1e-300", "a term left out"),
+    command(
         "get_pbrt: any version will do",
         "get_pbrt.py",
         'program.port == f"{CRATE} {VERSION}"',
         "program",
         "a check left out",
     ),
-    script(
+    command(
         "get_pbrt: a failure passes",
         "get_pbrt.py",
         "if status != 0 or program is None:",
         "if False:",
         "a status ignored",
     ),
-    script(
+    command(
         "part 4: a wrong image is not told",
         "part4_pbrt.py",
         "        if where:\n",
@@ -1380,38 +1390,38 @@ FAULTS: list[Fault] = [
     ),
     host(
         "PBRT: albedo 1",
-        "pbrt.py",
+        "scenes.py",
         "scene_text(version, count, resolution, albedo, seed, exponent)",
         "scene_text(version, count, resolution, 1.0, seed, exponent)",
         "an option ignored",
     ),
     host(
         "PBRT: the image keeps the scale",
-        "pbrt.py",
+        "run.py",
         "image = np.ldexp(image, scene.exponent)",
         "image = np.ldexp(image, -scene.exponent)",
         "a scale undone the wrong way",
     ),
     host(
-        "PBRT: beside the sphere the map shows", "pbrt.py", "    image[~disc_mask(size)] = 0\n", "", "a mask forgotten"
+        "PBRT: beside the sphere the map shows", "run.py", "    image[~disc_mask(size)] = 0\n", "", "a mask forgotten"
     ),
     host(
         "PBRT: zsobol for any number",
-        "pbrt.py",
+        "scenes.py",
         'return "halton" if spp & (spp - 1) else "zsobol"',
         'return "zsobol"',
         "renders fewer samples than asked for",
     ),
     host(
         "PBRT: an image of another size passes",
-        "pbrt.py",
+        "run.py",
         "if image.shape != (size, size, 3):",
         "if image.ndim != 3:",
         "a check removed",
     ),
     host(
         "PBRT: the map's square is not scaled",
-        "pbrt.py",
+        "scenes.py",
         "to_equal_area(radiance) if version == 4",
         "to_equal_area(envmap.radiance) if version == 4",
         "one of two maps",
@@ -1439,7 +1449,7 @@ FAULTS: list[Fault] = [
     ),
     host(
         "equal area: lower half not mirrored",
-        "equiarea.py",
+        "equal_area.py",
         "(lower, (half - 1 - x) * half + half - 1 - y)",
         "(lower, (half - 1 - y) * half + half - 1 - x)",
         "the diagonal forgotten",
@@ -1518,7 +1528,7 @@ FAULTS: list[Fault] = [
     ),
     host(
         "too little memory is not refused",
-        "buffers.py",
+        "memory.py",
         "    if size > room:\n",
         "    if size > 8 * room:\n",
         "a check removed",
@@ -1540,34 +1550,36 @@ FAULTS: list[Fault] = [
     host("Ctrl-C ends with 1", "interrupts.py", "os._exit(128 + number)", "os._exit(1)", "an exit status"),
     host(
         "a mistake of the user's ends with 2",
-        "cli.py",
+        "console.py",
         '{shown(message)}", file=sys.stderr)\n        _flush_or_drop()\n        return 1',
         '{shown(message)}", file=sys.stderr)\n        _flush_or_drop()\n        return 2',
         "an exit status",
     ),
     host(
         "a defect is told as a mistake of the user's",
-        "cli.py",
+        "console.py",
         "if isinstance(error, LightdomeError) else _shortage(error)",
         "if isinstance(error, Exception) else _shortage(error)",
         "tracebacks hidden",
     ),
-    host(
+    command(
         "the default map is always the one that ships",
         "cli.py",
         "default=grace if grace.exists() else data",
         "default=data",
         "an order of preference",
     ),
-    host(
+    command(
         "the default map is Grace, there or not",
         "cli.py",
         'default=grace if grace.exists() else data / "default.exr"',
         "default=grace",
         "an order of preference",
     ),
-    host("--flip is ignored", "cli.py", "layer=args.layer, flip=args.flip)", "layer=args.layer)", "an option ignored"),
-    host(
+    command(
+        "--flip is ignored", "cli.py", "layer=args.layer, flip=args.flip)", "layer=args.layer)", "an option ignored"
+    ),
+    command(
         "--layer is ignored",
         "cli.py",
         "layer=args.layer, flip=args.flip)",
@@ -1575,21 +1587,21 @@ FAULTS: list[Fault] = [
         "an option ignored",
         ("test_exr.py",),
     ),
-    host(
+    command(
         "--device is ignored",
         "cli.py",
         "opened = device.open_device(args.device)",
         "opened = device.open_device()",
         "an option ignored",
     ),
-    host(
+    command(
         "--exposure 0 passes",
         "cli.py",
         "return float(_number(float, text, lambda v: v > 0,",
         "return float(_number(float, text, lambda v: v >= 0,",
         "a bound",
     ),
-    host("--seed of 2^64 passes", "cli.py", "lambda v: 0 <= v < 2**64", "lambda v: 0 <= v <= 2**64", "a bound"),
+    command("--seed of 2^64 passes", "cli.py", "lambda v: 0 <= v < 2**64", "lambda v: 0 <= v <= 2**64", "a bound"),
     host(
         "markers: even sizes reach to the left",
         "markers.py",
@@ -1611,14 +1623,14 @@ FAULTS: list[Fault] = [
         "elapsed / self._fraction",
         "a subtraction forgotten",
     ),
-    host(
+    command(
         "settings: files that changed are believed",
         "settings.py",
         "return content if all(file_sum(path.parent / name) == sums[name] for name in sums) else None",
         "return content",
         "a check removed",
     ),
-    host(
+    command(
         "settings: an inner difference is none",
         "settings.py",
         "            if inner:\n                return",
@@ -1905,133 +1917,133 @@ FAULTS: list[Fault] = [
         "a comparison turned",
     ),
     # ---- the scripts ----
-    script(
+    command(
         "part 1: --eta only in the numbers",
         "part1_fresnel.py",
         'air, material = (1.0, "air"), (arguments.eta, "material")',
         'air, material = (1.0, "air"), (1.4, "material")',
         "an option ignored",
     ),
-    script(
+    command(
         "part 1: --eta only in the plots",
         "part1_fresnel.py",
         "summary = summarise(arguments.eta)",
         "summary = summarise(1.4)",
         "an option ignored",
     ),
-    script(
+    command(
         "part 1: leaving is entering",
         "part1_fresnel.py",
         '("leaving", material, air),',
         '("leaving", air, material),',
         "sides exchanged",
     ),
-    script(
+    command(
         "part 1: angles exchanged in what is said",
         "part1_fresnel.py",
         "{angle(summary.brewster_entering_deg)} entering",
         "{angle(summary.brewster_leaving_deg)} entering",
         "two numbers exchanged",
     ),
-    script(
+    command(
         "part 2: --seed ignored",
         "part2_sample.py",
         "seed=args.seed, sequence=args.sequence)",
         "sequence=args.sequence)",
         "an option ignored",
     ),
-    script(
+    command(
         "part 2: --sequence ignored",
         "part2_sample.py",
         "seed=args.seed, sequence=args.sequence)",
         "seed=args.seed)",
         "an option ignored",
     ),
-    script(
+    command(
         "part 2: --seed ignored with --samples-only",
         "part2_sample.py",
         "        args.seed,\n        args.sequence,\n",
         "        0,\n        args.sequence,\n",
         "an option ignored",
     ),
-    script(
+    command(
         "part 2: --sequence ignored with --samples-only",
         "part2_sample.py",
         "        args.seed,\n        args.sequence,\n",
         "        args.seed,\n        SEQUENCES[0],\n",
         "an option ignored",
     ),
-    script(
+    command(
         "part 2: --sanitize always on with --samples-only",
         "part2_sample.py",
         "        sanitize=args.sanitize,\n",
         '        sanitize="black",\n',
         "an option ignored",
     ),
-    script(
+    command(
         "part 2: --flip ignored with --samples-only",
         "part2_sample.py",
         "layer=args.layer, flip=args.flip)",
         "layer=args.layer)",
         "an option ignored",
     ),
-    script(
+    command(
         "part 2: --exposure ignored",
         "part2_sample.py",
         "exposure = args.exposure or auto_exposure(envmap.radiance)",
         "exposure = auto_exposure(envmap.radiance)",
         "an option ignored",
     ),
-    script(
+    command(
         "part 2: --gamma ignored",
         "part2_sample.py",
         "tone_map(envmap.radiance, exposure, args.gamma)",
         "tone_map(envmap.radiance, exposure)",
         "an option ignored",
     ),
-    script(
+    command(
         "part 2: --marker ignored in a picture",
         "part2_sample.py",
         "mark_pixels(marked, samples.pixel, args.marker, (0, 0, 255))",
         "mark_pixels(marked, samples.pixel, 5, (0, 0, 255))",
         "an option ignored",
     ),
-    script(
+    command(
         "part 2: markers are red",
         "part2_sample.py",
         "mark_pixels(marked, samples.pixel, args.marker, (0, 0, 255))",
         "mark_pixels(marked, samples.pixel, args.marker, (255, 0, 0))",
         "the order of channels",
     ),
-    script(
+    command(
         "part 2: the .pfm is tone mapped",
         "part2_sample.py",
         "marked = envmap.radiance.copy()",
         "marked = envmap.radiance * np.float32(exposure)",
         "pictures are for the eye, radiance is not",
     ),
-    script(
+    command(
         "part 3: --albedo ignored",
         "part3_shade.py",
         "shade_samples(device, samples, args.resolution, args.albedo)",
         "shade_samples(device, samples, args.resolution)",
         "an option ignored",
     ),
-    script(
+    command(
         "part 3: --gamma ignored",
         "part3_shade.py",
         "tone_map(image, exposure, args.gamma)",
         "tone_map(image, exposure)",
         "an option ignored",
     ),
-    script(
+    command(
         "part 3: --exposure ignored",
         "part3_shade.py",
         "exposure, lines = args.exposure, []",
         "exposure, lines = None, []",
         "an option ignored",
     ),
-    script(
+    command(
         "part 3: exposure of the fewest samples",
         "part3_shade.py",
         "sorted(sets.items(), reverse=True)",
@@ -2039,156 +2051,158 @@ FAULTS: list[Fault] = [
         "an order",
         ("test_commands.py", "test_scripts.py", "test_settings.py"),
     ),
-    script(
+    command(
         "part 3: a picture has the exposure of its own",
         "part3_shade.py",
         "exposure = exposure or auto_exposure(image)",
         "exposure = args.exposure or auto_exposure(image)",
         "pictures that cannot be compared",
     ),
-    script(
+    command(
         "part 3: two sets of one size pass",
         "part3_shade.py",
         "        if len(samples) in sets:\n",
         "        if False:\n",
         "a check removed",
     ),
-    script(
+    command(
         "part 4: --albedo ignored",
         "part4_pbrt.py",
         "render(distribution, args.spp, args.resolution, args.albedo, args.seed)",
         "render(distribution, args.spp, args.resolution, 1.0, args.seed)",
         "an option ignored",
     ),
-    script(
+    command(
         "part 4: --seed ignored",
         "part4_pbrt.py",
         "render(distribution, args.spp, args.resolution, args.albedo, args.seed)",
         "render(distribution, args.spp, args.resolution, args.albedo)",
         "an option ignored",
     ),
-    script(
+    command(
         "part 4: --seed not in the scenes",
         "part4_pbrt.py",
         "args.spp, args.resolution, args.albedo, args.seed)\n        print",
         "args.spp, args.resolution, args.albedo)\n        print",
         "an option ignored",
     ),
-    script(
+    command(
         "part 4: --gamma ignored",
         "part4_pbrt.py",
         "tone_map(image, exposure, args.gamma)",
         "tone_map(image, exposure)",
         "an option ignored",
     ),
-    script(
+    command(
         "part 4: --exposure ignored",
         "part4_pbrt.py",
         "exposure = args.exposure or auto_exposure(done[max(done)])",
         "exposure = auto_exposure(done[max(done)])",
         "an option ignored",
     ),
-    script(
+    command(
         "part 4: exposure of the fewest samples",
         "part4_pbrt.py",
         "auto_exposure(done[max(done)])",
         "auto_exposure(done[min(done)])",
         "an order",
     ),
-    script(
+    command(
         "part 4: a named program is silently replaced",
         "part4_pbrt.py",
         '            if args.renderer == "pbrt" or args.pbrt:\n                raise\n',
         "            pass\n",
         "a check removed",
     ),
-    script(
+    command(
         "bench: seeds and repeats exchanged",
         "bench.py",
         "benchmark.measure(method, count, args.seeds, args.repeats,",
         "benchmark.measure(method, count, args.repeats, args.seeds,",
         "two arguments exchanged",
     ),
-    script(
+    command(
         "bench: --methods ignored", "bench.py", "if not args.methods or name in args.methods]", "]", "an option ignored"
     ),
-    script(
+    command(
         "bench: --spp ignored", "bench.py", '"per pixel": args.spp}', '"per pixel": args.counts}', "the other option"
     ),
-    script("bench: --counts ignored", "bench.py", '"shared": args.counts,', '"shared": [16, 64],', "an option ignored"),
-    script(
+    command(
+        "bench: --counts ignored", "bench.py", '"shared": args.counts,', '"shared": [16, 64],', "an option ignored"
+    ),
+    command(
         "bench: --resolution ignored",
         "bench.py",
         "methods = benchmark.methods(device, envmap, args.resolution)",
         "methods = benchmark.methods(device, envmap, 255)",
         "an option ignored",
     ),
-    script(
+    command(
         "bench: errors against the other exact image",
         "bench.py",
         "references[method.pixels]))",
         'references["centres"]))',
         "the other exact image",
     ),
-    script("bench: a bias not in percent", "bench.py", "{100 * p.bias:>9.3f}", "{p.bias:>9.3f}", "a unit"),
-    script(
+    command("bench: a bias not in percent", "bench.py", "{100 * p.bias:>9.3f}", "{p.bias:>9.3f}", "a unit"),
+    command(
         "bench: seconds in the column of ms",
         "bench.py",
         "{1e3 * p.wall_seconds:>10.2f}",
         "{p.wall_seconds:>10.2f}",
         "a unit",
     ),
-    script(
+    command(
         "bench: a peer's failure ends all",
         "bench.py",
         "                if not method.peer:\n                    raise\n",
         "                raise\n",
         "one program's failure costs the others' results",
     ),
-    script(
+    command(
         "bench: --repeats ignored with --roofline",
         "bench.py",
         "roofline.measure(device, stage, args.repeats)",
         "roofline.measure(device, stage, 3)",
         "an option ignored",
     ),
-    script("bench: GB for MB", "bench.py", "{1e-9 * rate:8.1f} GB/s", "{1e-6 * rate:8.1f} GB/s", "a unit"),
-    script(
+    command("bench: GB for MB", "bench.py", "{1e-9 * rate:8.1f} GB/s", "{1e-6 * rate:8.1f} GB/s", "a unit"),
+    command(
         "stability: --quick ignored",
         "stability.py",
         "not (args.quick and case.large)",
         "not case.large",
         "an option ignored",
     ),
-    script(
+    command(
         "stability: failures end with 0",
         "stability.py",
         "    if failed:\n        raise",
         "    if False:\n        raise",
         "an exit status",
     ),
-    script(
+    command(
         "report: --flip is not passed on",
         "report.py",
         '*(["--flip"] if args.flip else [])',
         "*([])",
         "an option ignored",
     ),
-    script(
+    command(
         "report: results of another map are taken",
         "report.py",
         'of_map = of_version | {"map": {"sha256": settings.map_sum(envmap)}}',
         "of_map = of_version",
         "a check removed",
     ),
-    script(
+    command(
         "Grace: the sum is not checked",
         "get_grace.py",
         "if digest.hexdigest() != sha256:",
         "if False:",
         "a check removed",
     ),
-    script(
+    command(
         "Grace: a file that is there is fetched again",
         "get_grace.py",
         "    if matches(arguments.out, SIZE, SHA256):\n",
@@ -2196,24 +2210,24 @@ FAULTS: list[Fault] = [
         "work for nothing",
         ("test_data.py",),
     ),
-    script(
+    command(
         "Grace: Ctrl-C ends with 1", "get_grace.py", "        sys.exit(130)", "        sys.exit(1)", "an exit status"
     ),
-    script(
+    command(
         "Grace: SIGTERM ends with 1",
         "get_grace.py",
         "raise SystemExit(128 + number)  # unwinds",
         "raise SystemExit(1)  # unwinds",
         "an exit status",
     ),
-    script(
+    command(
         "a signal that is ignored is heard",
         "_start.py",
         "if signal.getsignal(_number) is not signal.SIG_IGN:",
         "if True:",
         "a shell's background",
     ),
-    script(
+    command(
         "a signal early ends with 1",
         "_start.py",
         "lambda number, _: os._exit(128 + number)",

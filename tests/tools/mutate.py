@@ -34,7 +34,8 @@ from pathlib import Path
 from faults import FAULTS, Fault
 
 ROOT = Path(__file__).resolve().parents[2]
-AREAS = {"kernels": "clkernels", "host": "pyhost", "scripts": "scripts"}  # and their folders
+# And their folders; the commands are none of the host's.
+AREAS = {"kernels": ("clkernels",), "host": ("pyhost",), "commands": ("pyhost/commands", "scripts", "data")}
 LEFT_OUT = (".git", ".venv", "out", "build", "dist", "__pycache__", "*.egg-info", ".*_cache")  # of a copy
 LIMIT = 300.0  # seconds for the tests of a fault; a program that hangs is noticed
 
@@ -68,9 +69,13 @@ def faulty(root: Path, fault: Fault) -> tuple[Path, str]:
 
     Raises ``LookupError`` where the file is not there, or does not have the fault's text exactly once.
     """
-    found = list((root / AREAS[fault.area]).rglob(fault.file))
+    found: list[Path] = []
+    for folder in AREAS[fault.area]:
+        found = found or list((root / folder).rglob(fault.file))
+    if fault.area == "host":
+        found = [path for path in found if path.parent.name != "commands"]
     if len(found) != 1:
-        raise LookupError(f"{len(found)} files in {AREAS[fault.area]}/ are called {fault.file}")
+        raise LookupError(f"{len(found)} files of the area {fault.area} are called {fault.file}")
     (path,) = found
     text = path.read_text(encoding="utf-8")
     if (count := text.count(fault.text)) != 1:

@@ -1,0 +1,76 @@
+// The diffuse sphere under a whole environment map: every pixel of the map once, none of them looked at.
+//
+// On a row of the map, at the polar angle theta, the lights above a pixel's horizon are those of one arc about
+// the normal's azimuth: cos(phi - phi_n) > q = -(n_y cos theta) / (sqrt(1 - n_y^2) sin theta). All of an image row has
+// the same n_y, so the arc's half angle depends on the two rows only. Cosine is linear until it is clamped, so what
+// the arc sends is n . M, where M, the sum of w L^T over the arc, is the difference of two prefix sums
+// (arc_sums.cl). For height rows and R x R pixels that is R^2 height steps where the plain sum has R^2 height width.
+// A light at the very end of the arc is on the horizon, so whether rounding counts it or not changes nothing.
+//
+// arcs        from arc_sums.cl, for rows first .. first + rows - 1
+// half_arc    resolution x height: the half angle in columns, 0 where the row is dark, half the width where all is lit
+// tiles       (x, y) of each group of PIXELS pixels that meets the disc
+// sum         2 x resolution x resolution x 3: high words, then low words of the rows so far; this adds its rows
+//
+// Source of n . M: Arvo, The Irradiance Jacobian (1994). One work-item a tile.
+
+#include "common/double_word.clh"
+#include "lighting/arc.clh"
+#include "common/angle.clh"
+#include "common/normal.clh"
+
+kernel void exact(global const arc *restrict arcs,
+                  global const float *restrict half_arc,
+                  const uint width,
+                  const uint height,
+                  const uint first,
+                  const uint rows,
+                  const int resolution,
+                  global const uint2 *restrict tiles,
+                  global float *restrict sum)
+{
+    const uint2 tile = tiles[get_global_id(0)];
+    const size_t half_width = (width + 1) / 2, stride = half_width + width + 1;
+    float centre[PIXELS];  // the normals' azimuths in columns
+    for (int k = 0; k < PIXELS; ++k) {
+        const float3 n = pixel_normal(tile.x + k, tile.y, resolution);
+        centre[k] = turns(n.z, n.x) * width - 0.5f;
+    }
+
+    half_arc += (size_t)tile.y * height + first;
+    arc matrix[PIXELS];
+    for (int k = 0; k < PIXELS; ++k)
+        matrix[k] = 0.0f;
+    arc whole = 0.0f;
+    for (uint r = 0; r < rows; ++r) {
+        global const arc *row = arcs + (r * stride + half_width) * 2;
+        const float h = half_arc[r];
+        if (h <= 0.0f)
+            continue;
+        if (h >= 0.5f * width) {
+            whole += row[2 * width] - row[0] + (row[2 * width + 1] - row[1]);
+            continue;
+        }
+        int begin[PIXELS], end[PIXELS];
+        for (int k = 0; k < PIXELS; ++k) {
+            begin[k] = 2 * (int)ceil(centre[k] - h);
+            end[k] = 2 * (int)floor(centre[k] + h) + 2;
+        }
+#pragma unroll
+        for (int k = 0; k < PIXELS; ++k)
+            matrix[k] += row[end[k]] - row[begin[k]] + (row[end[k] + 1] - row[begin[k] + 1]);
+    }
+
+    for (int k = 0; k < PIXELS; ++k) {
+        const uint x = tile.x + k;
+        const float3 n = pixel_normal(x, tile.y, resolution);
+        if (x >= resolution || n.z <= 0.0f)
+            continue;
+        const float3 rgb = light_of(n, matrix[k] + whole);
+        const size_t at = (size_t)tile.y * resolution + x, at_low = at + (size_t)resolution * resolution;
+        float3 hi = vload3(at, sum), lo = vload3(at_low, sum);
+        DOUBLE_WORD_ADD(float3, hi, lo, rgb);
+        vstore3(hi, at, sum);
+        vstore3(lo, at_low, sum);
+    }
+}

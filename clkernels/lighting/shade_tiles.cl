@@ -1,0 +1,233 @@
+// A diffuse sphere lit by directional lights, without evaluating most of the pairs of pixel and light.
+//
+//     image(n) = sum over lights of E max(0, n . w) = n . M + sum over lights near the horizon
+//
+// The cosine is linear until it is clamped. The normals of a tile lie within `margin` of its axis, so a light
+// with axis . w >= margin lights all of it unclamped, and one with axis . w <= -margin none of it. The
+// unclamped ones need no work per pixel: their sum is n . M with the 3 x 3 matrix M = sum of w E^T
+// (Arvo's vector irradiance, 1994). Only lights near the tile's horizon are evaluated pixel by pixel. The
+// image is the brute-force one (shade.cl) up to rounding. Lights come sorted, so that groups of 16 lie close
+// together: of most groups all light the tile, or none, and their bounds and matrix are all that is looked at.
+//
+// tiles           (x, y) of each tile that meets the disc
+// lights          6 rows of stride floats: w_x, w_y, w_z, and E = albedo / pi x flux in red, green, blue, or with GREY
+//                 4, as the three are the same; stride is a multiple of 16, E of the lights past the last one is zero
+// bounds, groups  of groups of 16 lights, see light_groups.cl
+// image           resolution x resolution x 3, zeroed; pixels outside the disc are left alone
+//
+// One work-item a tile of 16 x ROWS pixels (ROWS even): vectors of 16 lights to classify and sum, vectors
+// of 16 pixels to evaluate.
+
+#define PIXELS 16
+#include "common/double_word.clh"
+#include "lighting/sphere.clh"
+
+#ifdef GREY
+#define CHANNELS 1
+#else
+#define CHANNELS 3
+#endif
+#define VECTORS_A_BLOCK 64  // vectors of lights whose sums are added before their rounding errors are kept
+#define LIST 128            // lights near the horizon, evaluated when the list is full
+
+typedef struct {
+    float16 hi, lo;
+} wide;
+
+static inline float sum16(float16 v)
+{
+    const float8 e = v.lo + v.hi;
+    const float4 q = e.lo + e.hi;
+    const float2 p = q.lo + q.hi;
+    return p.x + p.y;
+}
+
+static inline float max16(float16 v)
+{
+    const float8 e = fmax(v.lo, v.hi);
+    const float4 q = fmax(e.lo, e.hi);
+    const float2 p = fmax(q.lo, q.hi);
+    return fmax(p.x, p.y);
+}
+
+static inline void add_to(private wide *sum, float16 x)
+{
+    DOUBLE_WORD_ADD(float16, sum->hi, sum->lo, x);
+}
+
+// What the listed lights send to two rows of the tile, pixel by pixel: the channels of one, then of the other.
+static inline void evaluate(private const uint *list, uint n, global const float *lights, size_t stride,
+                            float16 nx, float2 ny, private const float16 *nz, private float16 *sent)
+{
+    float16 above[CHANNELS], below[CHANNELS];
+#pragma unroll
+    for (int c = 0; c < CHANNELS; ++c)
+        above[c] = below[c] = 0.0f;
+    for (uint i = 0; i < n; ++i) {
+        global const float *light = lights + list[i];
+        const float16 x = nx * light[0];
+        const float2 y = ny * light[stride];
+        const float16 wz = light[2 * stride];
+        const float16 c0 = fmax(FMA(nz[0], wz, x + y.x), (float16)(0.0f));
+        const float16 c1 = fmax(FMA(nz[1], wz, x + y.y), (float16)(0.0f));
+#pragma unroll
+        for (int c = 0; c < CHANNELS; ++c) {
+            const float16 E = light[(3 + c) * stride];
+            above[c] = FMA(c0, E, above[c]);
+            below[c] = FMA(c1, E, below[c]);
+        }
+    }
+#pragma unroll
+    for (int c = 0; c < CHANNELS; ++c) {
+        sent[c] = above[c];
+        sent[CHANNELS + c] = below[c];
+    }
+}
+
+// A row of the tile; outside the disc nothing is written. The disc is convex: between two pixels inside all are.
+static inline void store_row(float16 red, float16 green, float16 blue, int16 c2, global float *image)
+{
+    float r[PIXELS], g[PIXELS], b[PIXELS];
+    vstore16(red, 0, r);
+    vstore16(green, 0, g);
+    vstore16(blue, 0, b);
+    if (c2.s0 > 0 && c2.sf > 0) {
+        for (int k = 0; k < PIXELS; ++k) {
+            image[3 * k] = r[k];
+            image[3 * k + 1] = g[k];
+            image[3 * k + 2] = b[k];
+        }
+        return;
+    }
+    int inside[PIXELS];
+    vstore16(c2, 0, inside);
+    for (int k = 0; k < PIXELS; ++k)
+        if (inside[k] > 0)
+            vstore3((float3)(r[k], g[k], b[k]), k, image);
+}
+
+kernel void shade_tiles(global const uint2 *restrict tiles,
+                        global const float *restrict lights,
+                        const uint stride,
+                        global const float4 *restrict bounds,
+                        global const float *restrict groups,
+                        const int resolution,
+                        global float *restrict image)
+{
+    const uint2 tile = tiles[get_global_id(0)];
+    const float inverse_resolution = 1.0f / resolution;
+
+    // The tile's normals, and their mean as its axis. Pixels outside the disc have c2 <= 0.
+    const int16 a = TILE_A(tile, resolution);
+    const float16 nx = convert_float16(a) * inverse_resolution;
+    float2 ny[ROWS / 2];
+    float16 nz[ROWS];
+    int16 c2[ROWS];
+    float16 mean_x = 0.0f, mean_y = 0.0f, mean_z = 0.0f;
+    for (int j = 0; j < ROWS; ++j) {
+        const int b = TILE_B(tile, j, resolution);
+        const float y = b * inverse_resolution;
+        ny[j / 2] = j % 2 ? (float2)(ny[j / 2].x, y) : (float2)(y, y);
+        c2[j] = resolution * resolution - b * b - a * a;
+        const float16 inside = select((float16)(0.0f), (float16)(1.0f), c2[j] > 0);
+        nz[j] = sqrt(fmax(convert_float16(c2[j]), (float16)(0.0f))) * inverse_resolution;
+        mean_x += inside * nx;
+        mean_y += inside * y;
+        mean_z += inside * nz[j];
+    }
+    const float3 axis = normalize((float3)(sum16(mean_x), sum16(mean_y), sum16(mean_z)));
+    float16 chord2 = 0.0f;
+    for (int j = 0; j < ROWS; ++j) {
+        const float16 x = nx - axis.x, z = nz[j] - axis.z;
+        const float y = (j % 2 ? ny[j / 2].y : ny[j / 2].x) - axis.y;
+        chord2 = select(chord2, fmax(chord2, x * x + y * y + z * z), c2[j] > 0);
+    }
+    // |n . w - axis . w| <= |n - axis|; the rest covers what rounding adds.
+    const float margin = sqrt(max16(chord2)) * 1.00001f + 1e-6f;
+
+    // Lights near the horizon wait in a list. Should it fill, they are evaluated, and sums kept by pixel.
+    uint list[LIST + PIXELS];
+    uint n = 0;
+    bool spilled = false;
+    wide sum[ROWS * CHANNELS];
+    wide matrix[3 * CHANNELS];  // of lights, by lane
+    for (int k = 0; k < 3 * CHANNELS; ++k)
+        matrix[k].hi = matrix[k].lo = 0.0f;
+    wide whole;      // of groups
+    whole.hi = whole.lo = 0.0f;
+
+    for (uint begin = 0; begin < stride; begin += VECTORS_A_BLOCK * PIXELS) {
+        const uint end = min(begin + VECTORS_A_BLOCK * PIXELS, stride);
+        float16 of_lights[3 * CHANNELS];
+#pragma unroll
+        for (int k = 0; k < 3 * CHANNELS; ++k)
+            of_lights[k] = 0.0f;
+        float16 m = 0.0f;
+        for (uint i = begin; i < end; i += PIXELS) {
+            const float4 bound = bounds[i / PIXELS];
+            const float about = axis.x * bound.x + axis.y * bound.y + axis.z * bound.z, reach = margin + bound.w;
+            if (about <= -reach)
+                continue;
+            if (about >= reach) {
+                m += vload16(i / PIXELS, groups);
+                continue;
+            }
+            global const float *light = lights + i;
+            const float16 wx = vload16(0, light), wy = vload16(0, light + stride);
+            const float16 wz = vload16(0, light + 2 * (size_t)stride);
+            const float16 d = FMA(wz, (float16)(axis.z), FMA(wy, (float16)(axis.y), wx * axis.x));
+            const int16 lit = d >= margin;
+            const float16 zero = 0.0f;
+#pragma unroll
+            for (int c = 0; c < CHANNELS; ++c) {
+                const float16 E = select(zero, vload16(0, light + (3 + c) * (size_t)stride), lit);
+                of_lights[3 * c] = FMA(wx, E, of_lights[3 * c]);
+                of_lights[3 * c + 1] = FMA(wy, E, of_lights[3 * c + 1]);
+                of_lights[3 * c + 2] = FMA(wz, E, of_lights[3 * c + 2]);
+            }
+            int near[PIXELS];
+            vstore16(fabs(d) < margin, 0, near);
+            for (uint k = 0; k < PIXELS; ++k) {
+                list[n] = i + k;
+                n -= near[k];  // true is -1 in a vector
+            }
+            if (n >= LIST) {
+                for (int k = 0; !spilled && k < ROWS * CHANNELS; ++k)
+                    sum[k].hi = sum[k].lo = 0.0f;
+                spilled = true;
+                for (int j = 0; j < ROWS; j += 2) {
+                    float16 sent[2 * CHANNELS];
+                    evaluate(list, n, lights, stride, nx, ny[j / 2], nz + j, sent);
+                    for (int k = 0; k < 2 * CHANNELS; ++k)
+                        add_to(sum + CHANNELS * j + k, sent[k]);
+                }
+                n = 0;
+            }
+        }
+        add_to(&whole, m);
+#pragma unroll
+        for (int k = 0; k < 3 * CHANNELS; ++k)
+            add_to(matrix + k, of_lights[k]);
+    }
+
+    const float16 w = whole.hi + whole.lo;
+    const float of_groups[9] = {w.s0, w.s4, w.s8, w.s1, w.s5, w.s9, w.s2, w.s6, w.sa};
+    float m[3 * CHANNELS];
+    for (int k = 0; k < 3 * CHANNELS; ++k)
+        m[k] = of_groups[k] + (sum16(matrix[k].hi) + sum16(matrix[k].lo));
+    float16 sent[2 * CHANNELS];
+    for (int j = 0; j < ROWS; ++j) {
+        if (j % 2 == 0)
+            evaluate(list, n, lights, stride, nx, ny[j / 2], nz + j, sent);
+        float16 row[CHANNELS];
+        const float y = j % 2 ? ny[j / 2].y : ny[j / 2].x;
+        for (int c = 0; c < CHANNELS; ++c) {
+            row[c] = FMA(nx, (float16)(m[3 * c]), FMA(nz[j], (float16)(m[3 * c + 2]), (float16)(y * m[3 * c + 1])));
+            row[c] += sent[j % 2 * CHANNELS + c];
+            if (spilled)
+                row[c] += sum[CHANNELS * j + c].hi + sum[CHANNELS * j + c].lo;
+        }
+        store_row(row[0], row[CHANNELS / 2], row[CHANNELS - 1], c2[j],
+                  image + 3 * ((tile.y + j) * (size_t)resolution + tile.x));
+    }
+}

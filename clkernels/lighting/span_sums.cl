@@ -1,0 +1,30 @@
+// What lies in spans of a map's rows: its radiance, and its moments along the row.
+//
+//     sum = sum over x in [begin, end) of scale (R, G, B, I cos(phi_x), I sin(phi_x)), I = R + G + B
+//
+// radiance  height x width x 3
+// phi       (sin, cos) of every column
+// span      span_count x (y, begin, end)
+// sum       span_count x 8 floats, the last three 0
+//
+// One work-item a span. Sums keep their rounding errors, so a span may be as long as a row.
+
+#include "common/double_word.clh"
+
+kernel void span_sums(global const float *restrict radiance,
+                      global const float2 *restrict phi,
+                      const uint width,
+                      const float scale,
+                      global const uint *restrict span,
+                      global float *restrict sum)
+{
+    const uint3 s = vload3(get_global_id(0), span);
+    float8 hi = 0.0f, lo = 0.0f;
+    for (uint x = s.y; x < s.z; ++x) {
+        const float3 L = vload3((size_t)s.x * width + x, radiance) * scale;
+        const float intensity = L.x + L.y + L.z;
+        const float8 term = (float8)(L.x, L.y, L.z, intensity * phi[x].y, intensity * phi[x].x, 0.0f, 0.0f, 0.0f);
+        DOUBLE_WORD_ADD(float8, hi, lo, term);
+    }
+    vstore8(hi, get_global_id(0), sum);
+}

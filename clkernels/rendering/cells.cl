@@ -1,0 +1,69 @@
+// An environment map cut into cells: what light each holds, from where, and CDFs over its pixels.
+//
+//     f = scale (R + G + B)        flux(cell) = sum over its pixels of f sin(theta)
+//
+// theta, phi   (sin, cos) of every row and of every column
+// size         pixels of a cell across and down; the last ones may have fewer
+// column_cdf   height x width integers (prefix_sum.clh), over the pixels of a row that share a cell
+// row_cdf      cells across x height integers, over the rows of a cell
+// flux         cells down x cells across
+// lights       (axis, reach) of every cell: the mean direction of its light, and the distance of the
+//              farthest lit pixel's direction from it
+//
+// A cell has CDFs of its own, because beside a bright pixel elsewhere in the row its pixels may weigh less
+// than the row's CDF resolves, and yet be all the light that some normals see. One work-item a cell.
+
+#include "common/prefix_sum.clh"
+#include "rendering/product.clh"
+
+kernel void cells(global const float *restrict radiance,
+                  global const float2 *restrict theta,
+                  global const float2 *restrict phi,
+                  const uint width,
+                  const uint height,
+                  const uint2 size,
+                  const float scale,
+                  global uint *restrict column_cdf,
+                  global uint *restrict row_cdf,
+                  global float *restrict flux,
+                  global float4 *restrict lights)
+{
+    const uint2 cell = (uint2)(get_global_id(0), get_global_id(1));
+    const size_t index = cell.y * get_global_size(0) + cell.x;
+    const uint2 first = cell * size, last = min(first + size, (uint2)(width, height));
+    row_cdf += (size_t)cell.x * height;
+
+    float total = 0.0f;
+    float3 axis = 0.0f;
+    for (uint y = first.y; y < last.y; ++y) {
+        const size_t row = (size_t)y * width;
+        const float2 t = theta[y];
+        float sum = 0.0f;
+        float2 along = 0.0f;
+        for (uint x = first.x; x < last.x; ++x) {
+            const float3 L = vload3(row + x, radiance) * scale;
+            const float f = L.x + L.y + L.z;
+            column_cdf[row + x] = as_uint(f);
+            sum += f;
+            along += f * phi[x];
+        }
+        weights_to_cdf(column_cdf + row + first.x, last.x - first.x, sum);
+        const float g = sum * t.x;
+        row_cdf[y] = as_uint(g);
+        total += g;
+        axis += t.x * (float3)(t.x * along.y, t.y * sum, t.x * along.x);
+    }
+    weights_to_cdf(row_cdf + first.y, last.y - first.y, total);
+    axis = total > 0.0f ? plain_normalize(axis / total) : (float3)(0.0f, 1.0f, 0.0f);
+
+    float reach = 0.0f;
+    for (uint y = first.y; y < last.y; ++y)
+        for (uint x = first.x; x < last.x; ++x) {
+            const float3 L = vload3((size_t)y * width + x, radiance);
+            const float2 t = theta[y], p = phi[x];
+            if (L.x + L.y + L.z > 0.0f)
+                reach = fmax(reach, plain_distance(axis, (float3)(t.x * p.y, t.y, t.x * p.x)));
+        }
+    flux[index] = total;
+    lights[index] = (float4)(axis, reach + 1e-6f);
+}

@@ -1,0 +1,74 @@
+// Light times cosine, coarsely: for every tile of the image, CDFs over the cells of the map.
+//
+//     g(cell) = flux(cell) C(tile, cell)        total = sum over cells of g(cell)
+//
+// flux, lights   from cells.cl, cells.y x cells.x; C is product.clh's
+// tiles          (axis, reach) of the normals of every tile that meets the disc
+// total          one a tile; stays 0 for a tile outside the disc
+// column_cdf     a tile's cells.y x cells.x integers (prefix_sum.clh), over the cells of one row
+// row_cdf        a tile's cells.y integers, over its rows of cells
+//
+// One work-item a tile of tile_size x tile_size pixels.
+
+#include "common/prefix_sum.clh"
+#include "common/normal.clh"
+#include "rendering/product.clh"
+
+// The mean normal of the tile's pixels and the distance of the farthest; 0 if there is none.
+static inline float4 bound_normals(int2 tile, int tile_size, int resolution)
+{
+    const int2 first = tile * tile_size, last = min(first + tile_size, resolution);
+    float3 axis = 0.0f;
+    for (int y = first.y; y < last.y; ++y)
+        for (int x = first.x; x < last.x; ++x) {
+            const float3 n = pixel_normal(x, y, resolution);
+            axis += n.z > 0.0f ? n : (float3)(0.0f);
+        }
+    if (axis.z == 0.0f)
+        return (float4)(0.0f);
+    axis = plain_normalize(axis);
+    float reach = 0.0f;
+    for (int y = first.y; y < last.y; ++y)
+        for (int x = first.x; x < last.x; ++x) {
+            const float3 n = pixel_normal(x, y, resolution);
+            if (n.z > 0.0f)
+                reach = fmax(reach, plain_distance(n, axis));
+        }
+    return (float4)(axis, reach + 1e-6f);
+}
+
+kernel void product_cdf(global const float *restrict flux,
+                        global const float4 *restrict lights,
+                        const uint2 cells,
+                        const int tile_size,
+                        const int resolution,
+                        global float4 *restrict tiles,
+                        global float *restrict total,
+                        global uint *restrict column_cdf,
+                        global uint *restrict row_cdf)
+{
+    const size_t index = get_global_id(1) * get_global_size(0) + get_global_id(0);
+    const float4 tile = bound_normals((int2)(get_global_id(0), get_global_id(1)), tile_size, resolution);
+    if (tile.w == 0.0f)
+        return;
+    tiles[index] = tile;
+    column_cdf += index * cells.y * cells.x;
+    row_cdf += index * cells.y;
+
+    float sum = 0.0f;
+    for (uint j = 0; j < cells.y; ++j) {
+        float row_sum = 0.0f;
+        for (uint i = 0; i < cells.x; ++i) {
+            const uint cell = j * cells.x + i;
+            const float4 light = lights[cell];
+            const float g = flux[cell] * cosine_guess(plain_dot(tile.xyz, light.xyz), tile.w + light.w);
+            column_cdf[cell] = as_uint(g);
+            row_sum += g;
+        }
+        weights_to_cdf(column_cdf + j * cells.x, cells.x, row_sum);
+        row_cdf[j] = as_uint(row_sum);
+        sum += row_sum;
+    }
+    weights_to_cdf(row_cdf, cells.y, sum);
+    total[index] = sum;
+}

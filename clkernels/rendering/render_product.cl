@@ -1,0 +1,141 @@
+// Per-pixel Monte Carlo of the diffuse sphere, with light samples that know about the cosine.
+//
+//     image(n) = mean over samples of (albedo / pi) L(w) max(0, n . w) / pdf(w)
+//              = mean of (L / S) (max(0, n . w) / C) x total x albedo / pi x solid angle / sin(theta)
+//
+// A tile of normals picks a cell of the map with probability proportional to flux(cell) C(tile, cell),
+// and the cell picks a pixel by S sin(theta), S = R + G + B (product_cdf.cl, cells.cl); so the density is
+// proportional to S C. L / S is at most 1 and the cosine at most 4 C: nothing overflows. Few directions
+// below the horizon are drawn, and the noise of the cosine is gone but for the size of cells and tiles.
+// (Two-stage importance sampling: Cline et al. 2006; product sampling: Clarberg et al. 2005.)
+//
+// sum            high words of resolution x resolution x 3, then low words; this adds samples begin .. end - 1
+// inverse_total  of S sin(theta) over the map, so that a tile's total leaves `sum` without the map's scale
+//
+// One work-item BLOCK pixels, in short loops; pixels of a tile lie next to each other in `disc` and share its CDFs.
+// Sample s of pixel i is point s of stream i, whatever ran before.
+
+#include "rendering/pixel_block.clh"
+#include "common/block_search.clh"
+#include "rendering/product.clh"
+
+// block_search, and u[k] becomes where in the step of the result it lay, a fraction of 2^32 as even as before.
+static inline void search_rest(global const uint *cdf, const uint n, private const uint *base,
+                               private const uint *last, private const uint *total, private uint *u, private uint *index)
+{
+    block_search(cdf, n, base, last, total, u, index);
+    GATHER
+    for (uint k = 0; k < BLOCK; ++k) {
+        global const uint *at = cdf + base[k] + index[k];
+        const uint below = index[k] > 0 ? at[-1] : 0;
+        u[k] = (uint)(((ulong)u[k] * total[k] - ((ulong)below << 32)) / (at[0] - below));
+    }
+}
+
+kernel void render_product(global const uint *restrict tile_column_cdf,
+                           global const uint *restrict tile_row_cdf,
+                           global const float4 *restrict tiles,
+                           global const float *restrict tile_total,
+                           const uint tile_size,
+                           const uint tiles_across,
+                           global const uint *restrict column_cdf,
+                           global const uint *restrict row_cdf,
+                           global const float4 *restrict lights,
+                           const uint2 cells,
+                           const uint2 cell_size,
+                           global const float *restrict radiance,
+                           global const float2 *restrict theta,
+                           global const float2 *restrict phi,
+                           const uint width,
+                           const uint height,
+                           const float scale,
+                           const float inverse_total,
+                           global const uint2 *restrict disc,
+                           const uint pixel_count,
+                           const uint2 seed,
+                           const uint begin,
+                           const uint end,
+                           const int resolution,
+                           global float *restrict sum)
+{
+    const uint first = get_global_id(0) * BLOCK;
+    uint index[BLOCK], kept_x[BLOCK], kept_y[BLOCK];
+    block3 normal;
+    block_pixels(disc, first, pixel_count, resolution, index, &normal);
+    begin_streams(begin, index, seed, kept_x, kept_y);
+
+    uint tile_row[BLOCK], row_total[BLOCK], last_row[BLOCK], last_column[BLOCK];
+    block3 tile;
+    float reach[BLOCK], factor[BLOCK];
+    for (uint k = 0; k < BLOCK; ++k) {
+        const uint2 at = (uint2)(index[k] % resolution, index[k] / resolution) / tile_size;
+        const uint t = at.y * tiles_across + at.x;
+        tile.x[k] = tiles[t].x;
+        tile.y[k] = tiles[t].y;
+        tile.z[k] = tiles[t].z;
+        reach[k] = tiles[t].w;
+        factor[k] = tile_total[t] * inverse_total;
+        tile_row[k] = t * cells.y;
+        row_total[k] = tile_row_cdf[tile_row[k] + cells.y - 1];
+        last_row[k] = cells.y - 1;
+        last_column[k] = cells.x - 1;
+    }
+
+    block_rgb samples = {{{0.0f}}};
+    for (uint s = begin; s < end; ++s) {
+        uint across[BLOCK], down[BLOCK], i[BLOCK], j[BLOCK], x[BLOCK], y[BLOCK];
+        uint base[BLOCK], last[BLOCK], total[BLOCK];
+        next_points(s, index, seed, kept_x, kept_y, across, down);
+        search_rest(tile_row_cdf, cells.y, tile_row, last_row, row_total, down, j);
+        GATHER
+        for (uint k = 0; k < BLOCK; ++k) {
+            base[k] = (tile_row[k] + j[k]) * cells.x;
+            total[k] = tile_column_cdf[base[k] + cells.x - 1];
+        }
+        search_rest(tile_column_cdf, cells.x, base, last_column, total, across, i);
+        GATHER
+        for (uint k = 0; k < BLOCK; ++k) {
+            last[k] = min(cell_size.y, height - j[k] * cell_size.y) - 1;
+            base[k] = i[k] * height + j[k] * cell_size.y;
+            total[k] = row_cdf[base[k] + last[k]];
+        }
+        block_search(row_cdf, cell_size.y, base, last, total, down, y);
+        GATHER
+        for (uint k = 0; k < BLOCK; ++k) {
+            y[k] += j[k] * cell_size.y;
+            last[k] = min(cell_size.x, width - i[k] * cell_size.x) - 1;
+            base[k] = y[k] * width + i[k] * cell_size.x;
+            total[k] = column_cdf[base[k] + last[k]];
+        }
+        block_search(column_cdf, cell_size.x, base, last, total, across, x);
+        for (uint k = 0; k < BLOCK; ++k)
+            x[k] += i[k] * cell_size.x;
+
+        block3 light;
+        float light_reach[BLOCK], weight[BLOCK];
+        GATHER
+        for (uint k = 0; k < BLOCK; ++k) {
+            const float4 l = lights[j[k] * cells.x + i[k]];
+            light.x[k] = l.x;
+            light.y[k] = l.y;
+            light.z[k] = l.z;
+            light_reach[k] = l.w;
+        }
+        float sin_theta[BLOCK], cos_theta[BLOCK], sin_phi[BLOCK], cos_phi[BLOCK];
+        block_directions(theta, phi, x, y, sin_theta, cos_theta, sin_phi, cos_phi);
+        for (uint k = 0; k < BLOCK; k += WIDTH) {
+            const wide sine = LOAD_WIDE(sin_theta + k);
+            const wide cosine = LOAD_WIDE(normal.x + k) * (sine * LOAD_WIDE(cos_phi + k))
+                              + LOAD_WIDE(normal.y + k) * LOAD_WIDE(cos_theta + k)
+                              + LOAD_WIDE(normal.z + k) * (sine * LOAD_WIDE(sin_phi + k));
+            const wide c = LOAD_WIDE(tile.x + k) * LOAD_WIDE(light.x + k)
+                         + LOAD_WIDE(tile.y + k) * LOAD_WIDE(light.y + k)
+                         + LOAD_WIDE(tile.z + k) * LOAD_WIDE(light.z + k);
+            const wide guess = cosine_guess(c, LOAD_WIDE(reach + k) + LOAD_WIDE(light_reach + k));
+            STORE_WIDE(cosine > 0.0f ? cosine / guess : (wide)(0.0f), weight + k);
+        }
+        block_add_colours(&samples, radiance, width, scale, x, y, weight);
+    }
+    block_multiply(&samples, factor);
+    block_store(&samples, index, min((uint)BLOCK, pixel_count - first), resolution, sum);
+}

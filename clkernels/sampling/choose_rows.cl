@@ -1,0 +1,26 @@
+// The rows that samples of an environment map fall into, and what picks the pixels in them.
+//
+//     row(i) from the CDF over rows at the second half of point i, across(i) = the first half
+//
+// marginal_cdf  from marginal_cdf.cl, height integers
+// row, across   count integers; across as a fraction of 2^32
+//
+// One work-item a sample, in whole groups. sample.cl does the same where the whole map is at hand.
+
+#include "common/sequence.clh"
+#include "common/invert_cdf.clh"
+
+kernel void choose_rows(global const uint *restrict marginal_cdf,
+                        const uint height,
+                        const uint count,
+                        const uint2 seed,
+                        global uint *restrict row,
+                        global uint *restrict across)
+{
+    const uint i = get_global_id(0);
+    if (i >= count)
+        return;
+    const uint2 point = sequence_point(i, count, 0u, seed);
+    row[i] = invert_cdf(marginal_cdf, height, point.y);
+    across[i] = point.x;
+}

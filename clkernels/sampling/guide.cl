@@ -1,0 +1,45 @@
+// Guide tables: where in an integer CDF (prefix_sum.clh) searches end, for all u of a bucket b = u >> shift.
+//
+// Most buckets hold no step of the CDF, or one to its next entry: then a comparison is all that is left of a search.
+// Source: Chen and Asau, On Generating Random Variates from an Empirical Distribution (1974); Devroye, Non-Uniform
+// Random Variate Generation (1986), III.2.4; the split in a bucket's record is that of the alias method.
+//
+// cdf      n integers a CDF, one CDF after another
+// guide    2^32 >> shift records a CDF, see guided.clh; an empty CDF is never searched
+// total    the last entry of each CDF
+//
+// One work-item a CDF.
+
+#include "common/guided.clh"
+
+kernel void guide(global const uint *restrict cdf,
+                  const uint n,
+                  const uint shift,
+                  global uint2 *restrict guide,
+                  global uint *restrict total)
+{
+    const size_t row = get_global_id(0);
+    const uint buckets = 1u << (32 - shift);
+    cdf += row * n;
+    guide += row * buckets;
+    const uint sum = cdf[n - 1];
+    total[row] = sum;
+    if (sum == 0)
+        return;
+    uint first = 0, end = 0;
+    for (uint b = 0; b < buckets; ++b) {
+        const ulong begin = (ulong)(b << shift) * sum, next = begin + ((ulong)sum << shift);
+        const uint least = begin >> 32, most = (next - sum) >> 32;  // of u = b << shift, and of the last u before the next
+        while (cdf[first] <= least)
+            ++first;
+        end = max(end, first);
+        while (cdf[end] <= most)
+            ++end;
+        if (end == first)
+            guide[b] = (uint2)(UINT_MAX, first);
+        else if (end == first + 1)
+            guide[b] = (uint2)((uint)((((ulong)cdf[first] << 32) - 1) / sum), first);
+        else
+            guide[b] = (uint2)(end, first | SEVERAL_STEPS);
+    }
+}

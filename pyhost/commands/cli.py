@@ -1,0 +1,230 @@
+"""What every script shares: argument types, output folders, and errors in one line.
+
+A script parses its arguments, calls the library and says what it wrote. Its ``main`` runs
+under :func:`run`, which turns a user's mistake into one line and exit status 1; argparse
+itself exits with 2 on a wrong command line. Defects of lightdome keep their traceback.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import tempfile
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import LightdomeError, exactly
+from ..files import utf8_name
+
+if TYPE_CHECKING:
+    from ..decisions import Decision
+    from ..maps.envmap import EnvironmentMap
+    from ..opencl.device import Device
+
+
+class _Help(argparse.HelpFormatter):
+    """Keeps paragraphs, and says the default of every option that has one, as it would be typed."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        default = action.default
+        if default is None or default is False or default in ([], argparse.SUPPRESS):
+            return action.help
+        typed = " ".join(map(str, default)) if isinstance(default, list) else str(default)
+        return f"{action.help} (default: {typed.replace('%', '%%')})"
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return "\n\n".join(super(_Help, self)._fill_text(part, width, indent) for part in text.split("\n\n"))
+
+
+def parser(description: str, example: str, out: str) -> argparse.ArgumentParser:
+    """An argument parser with the look that all scripts share and the option ``--out``.
+
+    The first paragraph of ``description`` is the purpose in one line.
+    """
+    result = argparse.ArgumentParser(
+        description=description,
+        epilog=f"example: {example}",
+        formatter_class=_Help,
+    )
+    result.add_argument("--out", type=Path, default=Path(out), metavar="DIR", help="folder to write into")
+    return result
+
+
+def map_options(parser: argparse.ArgumentParser) -> None:
+    """Add ``--map``, ``--layer``, ``--sanitize`` and ``--flip``, for :func:`load_map`.
+
+    The default is Grace if it is in ``data/`` beside ``scripts/``, else the map that ships.
+    """
+    data = Path(sys.argv[0]).resolve().parent.parent / "data"
+    grace = data / "grace_latlong.exr"
+    parser.add_argument(
+        "--map",
+        type=Path,
+        metavar="FILE",
+        default=grace if grace.exists() else data / "default.exr",
+        help="latitude-longitude environment map: .exr, .hdr or .pfm",
+    )
+    parser.add_argument(
+        "--layer",
+        metavar="NAME",
+        help="layer or part of an .exr file that is the map (default: R, G, B or Y, else the only one that can be it)",
+    )
+    parser.add_argument(
+        "--sanitize",
+        nargs="?",
+        choices=["black", "clamp"],
+        const="black",
+        help="replace NaN, infinite and negative pixels by black; with clamp, infinite ones by the largest finite value"
+        " of the file's format (default: refuse the map)",
+    )
+    parser.add_argument("--flip", action="store_true", help="reverse the rows, for a file that was written upside down")
+
+
+def load_map(args: argparse.Namespace) -> EnvironmentMap:
+    """The map that the options of :func:`map_options` name; remarks on it go to standard error."""
+    from ..maps.envmap import EnvironmentMap  # only here: a script without a map needs no image library
+
+    envmap = EnvironmentMap.read(args.map, sanitize=args.sanitize, layer=args.layer, flip=args.flip)
+    for note in (*envmap.notes, envmap.shape_note, envmap.replaced and envmap.replaced.note):
+        if note:
+            print(note, file=sys.stderr)
+    return envmap
+
+
+def device_option(parser: argparse.ArgumentParser) -> None:
+    """Add ``--device``, for :func:`open_device`."""
+    parser.add_argument(
+        "--device",
+        metavar="NAME",
+        help="OpenCL device: PLATFORM[:DEVICE], indices or parts of any name that is shown"
+        " (default: $PYOPENCL_CTX, else the fastest that works)",
+    )
+
+
+def open_device(args: argparse.Namespace) -> Device:
+    """The device that ``--device`` names, or the fastest, and say which; a remark on it goes to standard error."""
+    from ..opencl import device  # only here: a script without one needs no OpenCL
+
+    opened = device.open_device(args.device)
+    print(f"device: {opened.description}")
+    if opened.note:
+        print(opened.note, file=sys.stderr)
+    return opened
+
+
+def explain_option(parser: argparse.ArgumentParser) -> None:
+    """Add ``--explain``, for :func:`explain` and :func:`explain_kernels`."""
+    parser.add_argument(
+        "--explain", action="store_true", help="say of each result what was used for it, what was left out, and why"
+    )
+
+
+def explain(args: argparse.Namespace, result: str, decisions: Iterable[Decision]) -> None:
+    """Print the ``decisions`` on a ``result``, if ``--explain`` asks for it."""
+    if args.explain:
+        for decision in decisions:
+            print(f"{result}: {decision}")
+
+
+def explain_kernels(args: argparse.Namespace, device: Device) -> None:
+    """Print which kernels were built, if ``--explain`` asks for it."""
+    if args.explain:
+        built, there = device.programs.built, device.programs.available
+        kernels = {kernel.partition(" ")[0] for kernel in built}  # one may be built for several purposes
+        print(f"built {len(kernels)} of {there} kernels: {', '.join(built) or 'none'}")
+
+
+def sphere_options(parser: argparse.ArgumentParser) -> None:
+    """Add ``--resolution`` and ``--albedo``."""
+    parser.add_argument(
+        "--resolution",
+        type=positive_int,
+        default=511,
+        metavar="R",
+        help="width and height of the images in pixels",
+    )
+    parser.add_argument(
+        "--albedo",
+        type=non_negative_float,
+        default=1.0,
+        metavar="RHO",
+        help="share of the light that the sphere reflects, 0 black to 1 white; above 1 for experiments",
+    )
+
+
+def tone_options(parser: argparse.ArgumentParser) -> None:
+    """Add ``--gamma`` and ``--exposure``, which only the pictures for the eye use."""
+    parser.add_argument("--gamma", type=positive_float, default=2.2, help="gamma of the .ppm and .png files")
+    parser.add_argument(
+        "--exposure",
+        type=exposure,
+        default="auto",
+        metavar="FACTOR",
+        help="factor on the radiance in the .ppm and .png files, or auto: the 95th percentile becomes white",
+    )
+
+
+def output_folder(path: Path, images: bool = False) -> Path:
+    """Create the folder ``path`` and make sure that files can be written there, and with ``images`` those too.
+
+    Raises :class:`LightdomeError` where they cannot.
+    """
+    if images:
+        utf8_name(path)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):  # has no name that a kill could leave behind
+            pass
+    except OSError as error:
+        raise LightdomeError(
+            f"cannot write into the folder {path}: {error.strerror}; choose another with --out"
+        ) from error
+    return path
+
+
+def _number(convert: type, text: str, accept: Callable[[float], bool], wanted: str) -> float:
+    try:
+        value = convert(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not {wanted}") from None
+    if not (accept(value) and value < math.inf):
+        raise argparse.ArgumentTypeError(f"{text} is not {wanted}")
+    return value
+
+
+def positive_int(text: str) -> int:
+    """Argument type: a whole number, 1 to 2^31 - 1."""
+    return int(_number(int, text, lambda v: 1 <= v < 2**31, "a whole number from 1 to 2147483647"))
+
+
+def times(text: str) -> int:
+    """Argument type: a number of repetitions, 1 to 1000: more would seem never to end."""
+    return int(_number(int, text, lambda v: 1 <= v <= 1000, "a whole number from 1 to 1000"))
+
+
+def seed(text: str) -> int:
+    """Argument type: a whole number, 0 to 2^64 - 1."""
+    return int(_number(int, text, lambda v: 0 <= v < 2**64, "a whole number from 0 to 2^64 - 1"))
+
+
+def positive_float(text: str) -> float:
+    """Argument type: a finite number above 0."""
+    return float(_number(float, text, lambda v: v > 0, "a finite number above 0"))
+
+
+def non_negative_float(text: str) -> float:
+    """Argument type: a finite number, 0 or above."""
+    return float(_number(float, text, lambda v: v >= 0, "a finite number, 0 or above"))
+
+
+def tone(args: argparse.Namespace, exposure: float) -> str:
+    """The line that says how bright the pictures are; numbers from the command line are shown in full."""
+    used = exactly(exposure) if args.exposure else f"{exposure:.4g}"
+    return f"exposure {used}, gamma {exactly(args.gamma)}"
+
+
+def exposure(text: str) -> float | None:
+    """Argument type: ``auto`` (None) or a factor above 0 that radiance is multiplied by."""
+    return None if text == "auto" else positive_float(text)

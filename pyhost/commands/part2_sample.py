@@ -1,0 +1,138 @@
+"""Part 2: draw light directions from an environment map and show where they fell."""
+
+from __future__ import annotations
+
+import sys
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import LightdomeError
+from ..names import SEQUENCES
+from ..sampling.samples import check_count
+from . import cli
+
+if TYPE_CHECKING:
+    from ..maps.images import ImageRows
+    from ..opencl.device import Device
+
+BYTES_A_PIXEL = 50  # of the map in the host's memory, at the peak: map, CDFs, pictures and marks
+
+
+def main() -> None:
+    parser = cli.parser(
+        "Draw directions from an environment map with probability proportional to luminance x sin(theta).\n\n"
+        "Writes samples_N.npz, and em_N.pfm, em_N.ppm and em_N.png: the map with a square on each pixel drawn."
+        " settings.json says what made them.",
+        "scripts/part2_sample.py --counts 64 256 --seed 1",
+        "out/part2",
+    )
+    cli.map_options(parser)
+    parser.add_argument(
+        "--counts",
+        type=cli.positive_int,
+        nargs="+",
+        default=[64, 256, 1024],
+        metavar="N",
+        help="samples to draw",
+    )
+    parser.add_argument(
+        "--sequence", choices=SEQUENCES, default=SEQUENCES[0], help="the points that samples are made of"
+    )
+    parser.add_argument("--seed", type=cli.seed, default=0, help="seed of the points, a whole number")
+    parser.add_argument(
+        "--marker", type=cli.positive_int, default=5, metavar="M", help="side of the blue squares in pixels"
+    )
+    parser.add_argument(
+        "--samples-only",
+        action="store_true",
+        help="write samples_N.npz and no pictures; the map is never held, so that it may be larger than the memory",
+    )
+    cli.tone_options(parser)
+    cli.device_option(parser)
+    cli.explain_option(parser)
+    args = parser.parse_args()
+    args.counts = sorted(set(args.counts))
+    check_count(args.counts[-1])
+
+    out = cli.output_folder(args.out, images=not args.samples_only)
+
+    from ..maps.images import ImageRows
+
+    image = ImageRows(args.map, layer=args.layer, flip=args.flip)
+    device = cli.open_device(args)
+    print(f"map: {args.map}, {image.width} x {image.height}")
+    if args.samples_only:
+        write_samples(args, out, image, device)
+    else:
+        large = f"not enough memory for a {image.width} x {image.height} map; use --samples-only"
+        here = device.handle
+        room = here.global_mem_size / BYTES_A_PIXEL if device.shares_host_memory else here.max_mem_alloc_size / 12
+        if image.width * image.height > room:
+            raise LightdomeError(large)
+        try:
+            write_samples_and_pictures(args, out, device)
+        except MemoryError as error:
+            raise LightdomeError(large) from error
+
+
+def write_samples(args: Namespace, out: Path, image: ImageRows, device: Device) -> None:
+    from ..maps.envmap import shape_note
+    from ..sampling.streaming import sample_file
+    from . import settings
+
+    for note in (*image.notes, shape_note(image.height, image.width)):
+        if note:
+            print(note, file=sys.stderr)
+    names = []
+    sets = sample_file(
+        device,
+        image,
+        args.counts,
+        args.seed,
+        args.sequence,
+        sanitize=args.sanitize,
+        report=lambda replaced: print(replaced.note, file=sys.stderr),
+    )
+    for samples in sets:
+        names.append(f"samples_{len(samples)}.npz")
+        samples.save(out / names[-1])
+        print(f"wrote {out}/{names[-1]}")
+    # The sum of its radiance would take all rows in order, which is not how every file has them.
+    of_map = {"width": image.width, "height": image.height, "file_sha256": settings.file_sum(args.map)}
+    settings.write(out, settings.settings(device, None, vars(args)) | {"map": of_map}, names)
+    # All counts are drawn in one go.
+    cli.explain(args, f"{', '.join(map(str, args.counts))} samples", device.decisions.take())
+    cli.explain_kernels(args, device)
+
+
+def write_samples_and_pictures(args: Namespace, out: Path, device: Device) -> None:
+    from ..maps.images import auto_exposure, tone_map, write_image
+    from ..maps.markers import mark_pixels
+    from ..sampling.distribution import build_distribution
+    from . import settings
+
+    envmap = cli.load_map(args)
+    distribution = build_distribution(device, envmap)
+    cli.explain(args, "the map", device.decisions.take())
+    exposure = args.exposure or auto_exposure(envmap.radiance)
+    picture = tone_map(envmap.radiance, exposure, args.gamma)
+
+    names = []
+    for count in args.counts:
+        samples = distribution.sample(count, seed=args.seed, sequence=args.sequence)
+        samples.save(out / f"samples_{count}.npz")
+
+        marked = envmap.radiance.copy()
+        mark_pixels(marked, samples.pixel, args.marker, (0, 0, 1))
+        write_image(out / f"em_{count}.pfm", marked)
+        marked = picture.copy()
+        mark_pixels(marked, samples.pixel, args.marker, (0, 0, 255))
+        for suffix in ("ppm", "png"):
+            write_image(out / f"em_{count}.{suffix}", marked)
+        names += [f"samples_{count}.npz", *(f"em_{count}.{suffix}" for suffix in ("pfm", "ppm", "png"))]
+        print(f"wrote {out}/samples_{count}.npz and em_{count}.pfm, .ppm, .png")
+        cli.explain(args, f"{count} samples", device.decisions.take())
+    settings.write(out, settings.settings(device, envmap, vars(args)), names)
+    print(cli.tone(args, exposure))
+    cli.explain_kernels(args, device)

@@ -1,0 +1,142 @@
+"""Part 4: the same sphere by Monte Carlo, with fresh samples for every pixel, by PBRT or on an OpenCL device."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import LightdomeError, exactly
+from . import cli
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ..maps.envmap import EnvironmentMap
+    from ..opencl.device import Device
+
+    Images = Iterator[tuple[int, np.ndarray]]
+
+
+def parse_arguments() -> argparse.Namespace:
+    """The command line."""
+    parser = cli.parser(
+        "Render a diffuse sphere under an environment map with fresh samples for every pixel.\n\n"
+        "Writes sphere_Nspp.pfm (linear radiance), sphere_Nspp.ppm and sphere_Nspp.png for N samples per pixel, and the"
+        " scenes for PBRT-v3 and PBRT-v4 into the folder pbrt. settings.json says what made the images.",
+        example="scripts/part4_pbrt.py --spp 16 64 --seed 1",
+        out="out/part4",
+    )
+    cli.map_options(parser)
+    parser.add_argument(
+        "--spp", type=cli.positive_int, nargs="+", default=[8, 16, 32, 64], metavar="N", help="samples per pixel"
+    )
+    parser.add_argument(
+        "--renderer",
+        choices=["auto", "pbrt", "opencl"],
+        default="auto",
+        help="auto: pbrt if there is one, else opencl",
+    )
+    parser.add_argument(
+        "--pbrt",
+        type=Path,
+        metavar="PATH",
+        help="the program pbrt, pbrt-r4 or pbrt-r3, or its folder (default: from PATH, else what scripts/get_pbrt.py"
+        " installed)",
+    )
+    parser.add_argument(
+        "--seed", type=cli.seed, default=0, help="seed of the samples, a whole number; PBRT-v3 and pbrt-r3 have none"
+    )
+    cli.sphere_options(parser)
+    cli.tone_options(parser)
+    cli.device_option(parser)
+    cli.explain_option(parser)
+    args = parser.parse_args()
+    if args.renderer == "opencl" and args.pbrt:
+        parser.error("--pbrt is for --renderer pbrt or auto")
+    if args.renderer == "pbrt" and args.device:
+        parser.error("--device is for --renderer opencl or auto")
+    if args.albedo > 1 and (args.renderer == "pbrt" or args.pbrt):
+        parser.error(f"PBRT's albedo must be from 0 to 1, got {exactly(args.albedo)}; use --renderer opencl")
+    return args
+
+
+def with_opencl(args: argparse.Namespace, envmap: EnvironmentMap, device: Device) -> Images:
+    """The images from our own renderer."""
+    from ..rendering.per_pixel import render
+    from ..sampling.distribution import build_distribution
+
+    distribution = build_distribution(device, envmap)
+    cli.explain(args, "the map", device.decisions.take())
+    yield from render(distribution, args.spp, args.resolution, args.albedo, args.seed)
+    # An image of more samples continues the one of fewer.
+    cli.explain(args, f"{', '.join(map(str, sorted(set(args.spp))))} spp", device.decisions.take())
+    cli.explain_kernels(args, device)
+
+
+def main() -> None:
+    """Write the scenes and the images, and say so."""
+    args = parse_arguments()
+    out = cli.output_folder(args.out, images=True)
+    envmap = cli.load_map(args)
+
+    from .. import pbrt
+    from ..maps.images import auto_exposure, tone_map, write_image
+    from ..pbrt.check import deviation
+    from . import settings
+
+    print(f"map: {args.map}, {envmap.width} x {envmap.height}")
+    program, reason, scenes = None, "", []
+    for_pbrt = args.albedo <= 1
+    if for_pbrt:
+        folder = cli.output_folder(out / "pbrt")
+        scenes = pbrt.write_scenes(folder, envmap, args.spp, args.resolution, args.albedo, args.seed)
+        print(f"wrote {folder}: scenes for PBRT-v3 and PBRT-v4, and their maps")
+    else:
+        reason = ", because PBRT's albedo is at most 1" if args.renderer == "auto" else ""
+        print(f"note: no scene for PBRT was written: its albedo must be from 0 to 1, got {exactly(args.albedo)}")
+    if args.renderer != "opencl" and for_pbrt:
+        try:
+            program = pbrt.find_pbrt(args.pbrt)
+        except LightdomeError as error:
+            # A program that was asked for by name is not silently replaced.
+            if args.renderer == "pbrt" or args.pbrt:
+                raise
+            reason = f", because: {str(error).partition(';')[0]}"
+    print(f"renderer: {program or 'opencl'}{reason}")
+    if program and not program.has_seed and args.seed:
+        print(f"note: {program.name} has no seed; --seed does nothing")
+
+    device = None
+    if program:
+        images = pbrt.render(program, scenes)
+    else:
+        device = cli.open_device(args)
+        images = with_opencl(args, envmap, device)
+    done = {}
+    for spp, image in images:
+        write_image(out / f"sphere_{spp}spp.pfm", image)
+        done[spp] = image
+        where = deviation(image, envmap, args.albedo) if program else None
+        if where:
+            print(
+                f"note: {program.name}'s image of {spp} spp differs from the sphere under this map: {where}",
+                file=sys.stderr,
+            )
+    # The image of most samples knows best how bright the sphere is, and one exposure serves all.
+    exposure = args.exposure or auto_exposure(done[max(done)])
+    for spp, image in done.items():
+        picture = tone_map(image, exposure, args.gamma)
+        for suffix in ("ppm", "png"):
+            write_image(out / f"sphere_{spp}spp.{suffix}", picture)
+        print(f"wrote {out}/sphere_{spp}spp.pfm, .ppm, .png")
+    if program:
+        for scene in scenes:
+            if scene.version == program.version:
+                cli.explain(args, f"{scene.spp} spp", pbrt.decisions(program, scene))
+    names = [f"sphere_{spp}spp.{suffix}" for spp in done for suffix in ("pfm", "ppm", "png")]
+    made_with = settings.settings(device, envmap, vars(args)) | {"pbrt": program and program.name}
+    settings.write(out, made_with, names)
+    print(cli.tone(args, exposure))

@@ -1,0 +1,149 @@
+"""The written report as PDF, and a zip of it and all images, from what is there or from fresh runs."""
+
+from __future__ import annotations
+
+import argparse
+import atexit
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from .. import __version__
+from . import cli
+
+COUNTS = [64, 256, 1024]  # samples shared by all pixels
+SPP = [8, 16, 32, 64]
+
+
+class Runs:
+    """What the scripts wrote, into the folder beside the report's or into the report's own, or write now."""
+
+    def __init__(self, out: Path) -> None:
+        self.out = out
+        self.folders: dict[str, Path] = {}
+        self.settings: dict[str, dict] = {}
+
+    def need(self, name: str, script: str, record: str, wanted: Mapping[str, object], *options: object) -> None:
+        """Find the results ``name`` whose settings are as ``wanted``, or run ``script`` with ``options`` for them."""
+        from . import settings
+
+        own = self.out / name
+        for folder in (self.out.parent / name, own):
+            found = settings.read(folder / record)
+            other = found and settings.difference(found, wanted)
+            if found and not other:
+                print(f"{name}: from {folder}", flush=True)
+                break
+            if found:
+                print(f"{name}: not from {folder}, where {other} is another")
+        else:
+            folder = own
+            print(f"{name}: running {script}", flush=True)
+            status = run(script, *options, "--out", folder)
+            found = settings.read(folder / record)
+            # A case of the stability table may fail: the script says so, and the report shows it.
+            if found is None or settings.difference(found, wanted):
+                if status:
+                    sys.exit(status)  # it has said why
+                raise RuntimeError(f"{script} did not leave what was asked for in {folder}")
+        self.folders[name], self.settings[name] = folder, found
+
+
+def run(script: str, *options: object) -> int:
+    """Run a script with its errors and progress on our terminal; its exit status, 1 if it was killed."""
+    command = [sys.executable, "-m", "lightdome.commands", script, *options]
+    with subprocess.Popen([str(word) for word in command], stdout=subprocess.DEVNULL) as process:
+        atexit.register(process.terminate)  # politely: it clears up after itself
+        status = process.wait()
+        atexit.unregister(process.terminate)
+        return status if status >= 0 else 1
+
+
+def main() -> None:
+    parser = cli.parser(
+        "Write report.pdf, typeset, and lightdome-report.zip with it and every .pfm and .ppm.\n\n"
+        "Results of parts 1 to 4, bench.py and stability.py are taken from the folders part1 to part4, bench and"
+        " stability beside DIR if they are of this map and version; the others are run, into DIR, and measure numpy,"
+        " Mitsuba and PBRT too where they are there. All of it afresh takes about half an hour on two cores with"
+        " Mitsuba and PBRT, and less without.",
+        "scripts/report.py --quick",
+        "out/report",
+    )
+    cli.map_options(parser)
+    parser.add_argument(
+        "--pbrt", type=Path, metavar="PATH", help="the program pbrt or its folder (default: as in part 4)"
+    )
+    parser.add_argument("--quick", action="store_true", help="smaller images, fewer counts and cases: some minutes")
+    cli.device_option(parser)
+    make(parser.parse_args())
+
+
+def make(args: argparse.Namespace) -> None:
+    from .. import pbrt
+    from ..evaluation import peer_mitsuba, report
+    from . import settings
+
+    report.require_typst()
+    if args.pbrt:
+        pbrt.find_pbrt(args.pbrt)  # before work that would be for nothing
+    out = cli.output_folder(args.out, images=True)
+    envmap = cli.load_map(args)
+    device = cli.open_device(args)
+    print(f"map: {args.map}, {envmap.width} x {envmap.height}")
+
+    of_version: dict[str, object] = {"versions": {"lightdome": __version__}}
+    of_map = of_version | {"map": {"sha256": settings.map_sum(envmap)}}
+    on_device = ["--device", args.device] if args.device else []
+    layer = [f"--layer={args.layer}"] if args.layer is not None else []
+    as_it_is = [*(["--sanitize", args.sanitize] if args.sanitize else []), *(["--flip"] if args.flip else [])]
+    on_map = ["--map", args.map, *layer, *as_it_is, *on_device]
+    quick = ["--quick"] if args.quick else []
+    sphere = {"resolution": 255 if args.quick else 511, "albedo": 1.0}
+    with_pbrt = {"pbrt": str(args.pbrt)} if args.pbrt else {}
+
+    runs = Runs(out)
+    runs.need("part1", "part1_fresnel", settings.NAME, of_version | {"options": {"eta": 1.4}})
+    options: dict[str, object] = {"counts": COUNTS}
+    runs.need("part2", "part2_sample", settings.NAME, of_map | {"options": options}, "--counts", *COUNTS, *on_map)
+    names = [f"samples_{n}.npz" for n in COUNTS]
+    runs.need(
+        "part3",
+        "part3_shade",
+        settings.NAME,
+        of_version | {"options": sphere, "inputs": {name: runs.settings["part2"]["files"][name] for name in names}},
+        *(runs.folders["part2"] / name for name in names),
+        *("--resolution", sphere["resolution"], *on_device),
+    )
+    runs.need(
+        "part4",
+        "part4_pbrt",
+        settings.NAME,
+        of_map | {"options": {"spp": SPP, **sphere, **with_pbrt}},
+        *("--spp", *SPP, "--resolution", sphere["resolution"], *on_map),
+        *(["--pbrt", args.pbrt] if args.pbrt else []),
+    )
+    options = {"quick": args.quick}
+    mitsuba = ["mitsuba"] if peer_mitsuba.installed() else []
+    part4 = runs.settings["part4"]
+    peer_pbrt = ["pbrt"] if part4["pbrt"] else []
+    runs.need(
+        "bench",
+        "bench",
+        "bench.json",
+        of_map | {"options": options | {"methods": None}},
+        *("--peers", "numpy", *mitsuba, *peer_pbrt, *quick, *on_map),
+        *(["--pbrt", part4["options"]["pbrt"]] if peer_pbrt and part4["options"]["pbrt"] else []),
+    )
+    runs.need(
+        "stability",
+        "stability",
+        "stability.json",
+        of_version | {"options": options},
+        *(["--peers", *mitsuba] if mitsuba else []),
+        *(*quick, *on_device),
+    )
+
+    results = report.Results(runs.folders, runs.settings)
+    images = report.write(device, envmap, args.map.name, results, out)
+    print(f"wrote {out}/{report.PDF} and {report.ARCHIVE} with it and {images} images")

@@ -1,0 +1,223 @@
+"""Error against run time: every method, at every count, against its own exact image, in one run.
+
+A method's time is the wall time from the map in the host's memory to the image in the host's memory: the
+median of repeats after a warm-up. Programs are built before, and their time is kept apart. Its error is
+measured over several seeds. See :mod:`lightdome.evaluation.benchmark_plot` for the pictures.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import statistics
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from ..disc import disc_mask
+from ..files import replacing
+from ..lighting.exact import exact
+from ..lighting.harmonics import project, shade_harmonics
+from ..lighting.median_cut import median_cut
+from ..lighting.shade import shade, shade_samples
+from ..maps.envmap import EnvironmentMap
+from ..names import ESTIMATORS, PIXEL_SEQUENCES, SEQUENCES
+from ..names import per_pixel as per_pixel_name
+from ..opencl.device import Device
+from ..rendering.per_pixel import PIXELS_OF, render
+from ..sampling.distribution import build_distribution
+
+ORDERS = (1, 2, 4, 6, 8, 10, 12, 16, 18, 24, 32)  # odd ones past 1 add nothing to irradiance
+
+Run = Callable[[int, int], np.ndarray]  # (count, seed) -> image
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to the image.
+
+    ``kind`` says what a count means: ``shared`` samples or lights for all pixels, ``per pixel``
+    samples, or the ``order`` of an analytic method. A method that is not ``random`` needs one seed only,
+    one with ``counts`` of its own is measured at those.
+    ``pixels`` says which exact image it converges to, see :func:`lightdome.exact`.
+    ``device`` is where its stages are timed. A ``peer`` is another program, see :mod:`lightdome.evaluation.peers`; its
+    ``clock`` says how long the stages of its last run took, which together are its time.
+    """
+
+    name: str
+    kind: str
+    run: Run
+    random: bool = True
+    counts: tuple[int, ...] | None = None
+    pixels: Literal["centres", "areas"] = "centres"
+    device: Device | None = None
+    peer: bool = False
+    clock: Callable[[], dict[str, float]] | None = None
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One method at one count. Errors are relative to the exact image's root mean square over the disc."""
+
+    method: str
+    kind: str
+    count: int
+    seeds: int
+    rmse: float
+    rmse_spread: float  # standard deviation over the seeds
+    largest_error: float  # the largest absolute error over the exact image's maximum, mean over the seeds
+    bias: float  # mean error over pixels and seeds, over the exact image's mean
+    wall_seconds: float
+    wall_spread: float  # half the distance of the quartiles
+    first_seconds: float  # the first run, with the build of its programs
+    pixels: str = "centres"  # of the map, in the exact image that the errors are against
+    peer: bool = False
+    stages: dict[str, float] = field(
+        default_factory=dict
+    )  # seconds by stage, of the median run; a device's or a peer's
+
+
+def methods(device: Device, envmap: EnvironmentMap, resolution: int) -> dict[str, Method]:
+    """All of lightdome's own methods, by name: :data:`lightdome.names.METHODS`."""
+
+    def shared(sequence: str) -> Run:
+        def run(count: int, seed: int) -> np.ndarray:
+            samples = build_distribution(device, envmap).sample(count, seed, sequence)
+            return shade_samples(device, samples, resolution)
+
+        return run
+
+    def per_pixel(estimator: str, sequence: str, compensation: bool = False) -> Run:
+        def run(count: int, seed: int) -> np.ndarray:
+            distribution = build_distribution(device, envmap)
+            ((_, image),) = render(distribution, [count], resolution, 1.0, seed, estimator, sequence, compensation)
+            return image
+
+        return run
+
+    def cut(count: int, seed: int) -> np.ndarray:
+        lights = median_cut(build_distribution(device, envmap), count)
+        return shade(device, lights.direction, lights.flux, resolution)
+
+    def harmonics(order: int, seed: int) -> np.ndarray:
+        return shade_harmonics(device, project(device, envmap, order), resolution)
+
+    result = [Method(sequence, "shared", shared(sequence), device=device) for sequence in SEQUENCES]
+    result.append(Method("median-cut", "shared", cut, random=False, device=device))
+    for estimator in ESTIMATORS:
+        for sequence in PIXEL_SEQUENCES:
+            name = per_pixel_name(estimator, sequence)
+            run = per_pixel(estimator, sequence)
+            result.append(Method(name, "per pixel", run, pixels=PIXELS_OF[estimator], device=device))
+    run = per_pixel("mis", "sobol", True)
+    result.append(Method("mis-compensated-sobol", "per pixel", run, pixels=PIXELS_OF["mis"], device=device))
+    result.append(Method("harmonics", "order", harmonics, random=False, counts=ORDERS, device=device))
+    for name, pixels in (("exact", "centres"), ("exact-areas", "areas")):
+        run = partial(_exact, device, envmap, resolution, pixels)
+        result.append(Method(name, "order", run, random=False, counts=(1,), pixels=pixels, device=device))
+    return {method.name: method for method in result}
+
+
+def _exact(
+    device: Device, envmap: EnvironmentMap, resolution: int, pixels: Literal["centres", "areas"], count: int, seed: int
+) -> np.ndarray:
+    return exact(device, envmap, resolution, pixels=pixels)
+
+
+def measure(method: Method, count: int, seeds: int, repeats: int, reference: np.ndarray) -> Measurement:
+    """Run ``method`` at ``count`` over ``seeds`` for its error and ``repeats`` times for its time.
+
+    ``reference`` is the exact image that it converges to, the one of ``method.pixels``.
+    """
+    mask = disc_mask(len(reference))
+    truth = reference[mask].astype(np.float64)
+    scale = np.sqrt((truth**2).mean())
+
+    errors, largest, means = [], [], []
+
+    def judge(image: np.ndarray) -> None:  # and forget it: many seeds need no more memory than one
+        difference = image[mask] - truth
+        errors.append(float(np.sqrt((difference**2).mean()) / scale))
+        largest.append(np.abs(difference).max())
+        means.append(difference.mean())
+
+    start = time.perf_counter()
+    image = method.run(count, 0)
+    first = time.perf_counter() - start
+    judge(image)
+
+    walls, stages = [], []
+    for _ in range(repeats):
+        if method.device:
+            method.device.profile.clear()
+        start = time.perf_counter()
+        method.run(count, 0)
+        wall = time.perf_counter() - start
+        timed = method.clock() if method.clock else method.device.profile.seconds() if method.device else {}
+        walls.append(sum(timed.values()) if method.clock else wall)
+        stages.append(timed)
+    median = statistics.median_low(walls)
+
+    for seed in range(1, seeds if method.random else 1):
+        judge(method.run(count, seed))
+    return Measurement(
+        method=method.name,
+        kind=method.kind,
+        count=count,
+        seeds=len(errors),
+        rmse=statistics.fmean(errors),
+        rmse_spread=statistics.stdev(errors) if len(errors) > 1 else 0.0,
+        largest_error=float(np.mean(largest) / truth.max()),
+        bias=float(np.mean(means) / truth.mean()),
+        wall_seconds=median,
+        wall_spread=float(np.subtract(*np.percentile(walls, [75, 25])) / 2),
+        first_seconds=first,
+        pixels=method.pixels,
+        peer=method.peer,
+        stages=stages[walls.index(median)],
+    )
+
+
+def pareto_front(points: Iterable[Measurement]) -> list[Measurement]:
+    """Those that nothing beats in both time and error, by increasing time."""
+    front: list[Measurement] = []
+    for point in sorted(points, key=lambda m: (m.wall_seconds, m.rmse)):
+        if not front or point.rmse < front[-1].rmse:
+            front.append(point)
+    return front
+
+
+def cheapest(points: Sequence[Measurement], error: float) -> Measurement | None:
+    """The measured method of at most ``error`` that took the least time, None if there is none."""
+    return min((m for m in points if m.rmse <= error), key=lambda m: m.wall_seconds, default=None)
+
+
+def slope(points: Sequence[Measurement]) -> float | None:
+    """The exponent b of the fit rmse ~ count^b, None for fewer than two counts."""
+    if len({m.count for m in points}) < 2 or min(m.rmse for m in points) <= 0:
+        return None
+    logs = np.log([[m.count, m.rmse] for m in points])
+    return float(np.polyfit(logs[:, 0], logs[:, 1], 1)[0])
+
+
+def write_csv(path: Path, points: Sequence[Measurement]) -> None:
+    """One row a measurement, a column a figure; stages in seconds as ``stage <name>``."""
+    names = list(dict.fromkeys(stage for p in points for stage in p.stages))
+    columns = [f.name for f in fields(Measurement) if f.name != "stages"]
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow([*columns, *(f"stage {name}" for name in names)])
+        for p in points:
+            writer.writerow([*(getattr(p, c) for c in columns), *(p.stages.get(name, "") for name in names)])
+
+
+def write_json(path: Path, points: Sequence[Measurement], settings: Mapping[str, object]) -> None:
+    """The settings and all measurements."""
+    with replacing(path) as temporary:
+        text = json.dumps({**settings, "measurements": [asdict(p) for p in points]}, indent=2)
+        temporary.write_text(text + "\n", encoding="utf-8")

@@ -1,0 +1,123 @@
+"""Other programs on the same sphere, as methods of the benchmark: numpy, Mitsuba 3 and PBRT.
+
+    found = find(["numpy", "mitsuba", "pbrt"], envmap, resolution)
+    found.methods   # what is there, by name, for lightdome.evaluation.benchmark.measure
+    found.absent    # what is not, by name, and why
+
+Same map, same resolution, same error measure, all cores. Each keeps the time of its stages by its own
+clock, so that start-up and compilation stay apart; ``found.about`` says what each time holds. What is not
+there, or fails when it is tried, is absent: nothing is guessed.
+
+numpy shares samples among all pixels like lightdome's own shared methods; Mitsuba and PBRT draw samples a
+pixel. numpy takes a pixel of the map for the direction of its centre. PBRT-v4 has a square whose texels, areas
+of constant radiance, share out the flux of the map's pixels; PBRT-v3 and Mitsuba interpolate between pixels. So
+neither exact image is quite what these three converge to. That of areas is the nearer one, which they are
+measured against. See :mod:`lightdome.evaluation.peer_numpy`,
+:mod:`lightdome.evaluation.peer_mitsuba`, :mod:`lightdome.evaluation.peer_pbrt`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import LightdomeError, shown
+from ..maps.envmap import EnvironmentMap
+from . import peer_mitsuba, peer_numpy
+from .benchmark import Method
+from .peer_pbrt import PbrtPeer
+
+NAMES = ("numpy", "mitsuba", "pbrt")
+INSTALL = "pip install 'lightdome[peers]'"
+
+Timed = Callable[[int, int, int], tuple[np.ndarray, dict[str, float]]]  # (resolution, count, seed) -> image, stages
+
+
+@dataclass
+class Peers:
+    """``methods`` by name; ``about`` each of them, JSON's types only; ``absent`` ones and why, in one line each."""
+
+    methods: dict[str, Method] = field(default_factory=dict)
+    about: dict[str, dict[str, object]] = field(default_factory=dict)
+    absent: dict[str, str] = field(default_factory=dict)
+
+
+def find(names: Sequence[str], envmap: EnvironmentMap, resolution: int = 511, pbrt: Sequence[str | Path] = ()) -> Peers:
+    """Start the peers ``names``, some of :data:`NAMES`; ``pbrt`` are programs or their folders, else the one on PATH.
+
+    Raises ``ValueError`` for an unknown name; a peer that does not start is in ``absent``.
+    """
+    unknown = set(names) - set(NAMES)
+    if unknown:
+        raise ValueError(f"unknown peer {sorted(unknown)[0]!r}; there is {', '.join(NAMES)}")
+    peers = Peers()
+    if "numpy" in names:
+        peers.methods["numpy"] = _method("numpy", "shared", _numpy(envmap), resolution, areas=False)
+        peers.about["numpy"] = {"numpy": np.__version__, "time": "from the map in memory to the image in memory"}
+    if "mitsuba" in names:
+        _find_mitsuba(peers, envmap, resolution)
+    if "pbrt" in names:
+        for path in pbrt or [None]:
+            _find_pbrt(peers, envmap, resolution, path)
+    return peers
+
+
+def _method(name: str, kind: str, run: Timed, resolution: int, random: bool = True, areas: bool = True) -> Method:
+    """A method that remembers its last run's stages: they are its clock."""
+    stages: dict[str, float] = {}
+
+    def timed(count: int, seed: int) -> np.ndarray:
+        stages.clear()
+        image, seconds = run(resolution, count, seed)
+        stages.update(seconds)
+        return image
+
+    pixels = "areas" if areas else "centres"
+    return Method(name, kind, timed, random=random, pixels=pixels, peer=True, clock=lambda: dict(stages))
+
+
+def _numpy(envmap: EnvironmentMap) -> Timed:
+    return lambda resolution, count, seed: peer_numpy.render(envmap.radiance, resolution, count, seed)
+
+
+def _find_mitsuba(peers: Peers, envmap: EnvironmentMap, resolution: int) -> None:
+    if not peer_mitsuba.installed():
+        peers.absent["mitsuba"] = INSTALL
+        return
+    for variant in peer_mitsuba.VARIANTS:
+        name = f"mitsuba {variant}"
+        try:
+            mitsuba = peer_mitsuba.Mitsuba(variant, envmap.radiance)
+        except LightdomeError as error:
+            peers.absent[name] = str(error)
+            continue
+        peers.methods[name] = _method(name, "per pixel", mitsuba.render, resolution)
+        peers.about[name] = {
+            **mitsuba.about,
+            "time": "scene with the map's distribution, from the map in memory, and rendering; start-up (process,"
+            " import, first image with its compilation) apart; code of a new count or size, which Dr.Jit may"
+            " hold in its cache on disk, is compiled in the first run",
+        }
+
+
+def _find_pbrt(peers: Peers, envmap: EnvironmentMap, resolution: int, path: str | Path | None) -> None:
+    try:
+        pbrt = PbrtPeer(path, envmap)
+    except LightdomeError as error:
+        peers.absent["pbrt" if path is None else f"pbrt {path}"] = str(error)
+        return
+    name = pbrt.program.name.lower().split()[0]
+    if name in peers.methods:
+        name = f"{name} {shown(pbrt.program.path)}"
+    # Another run of version 3 is the first once more.
+    peers.methods[name] = _method(name, "per pixel", pbrt.render, resolution, random=pbrt.program.is_random)
+    peers.about[name] = {
+        "program": str(pbrt.program.path),
+        "name": pbrt.program.name,
+        "start-up seconds": pbrt.startup_seconds,
+        "time": "process and reading of its image, less start-up (the process on an empty scene): scene, where PBRT"
+        " reads the map from a file and builds its distribution, and render, where it renders and writes the image",
+    }

@@ -1,0 +1,387 @@
+"""The written report, typeset with Typst from what the scripts left behind, and the archive of all images.
+
+:func:`write` draws the figures, gathers the numbers, fills ``report.typ`` with them, and packs the report with the
+images. The same inputs give the same bytes: no file says when it was made. Whether results belong together is
+for the caller to see to, see :mod:`lightdome.commands.settings`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import plotting  # noqa: F401 - first: it imports matplotlib
+
+# isort: split
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+
+from ..disc import disc_mask
+from ..errors import LightdomeError
+from ..files import replacing
+from ..lighting.exact import exact_kept
+from ..maps.envmap import EnvironmentMap
+from ..maps.images import auto_exposure, read_image, tone_map, write_image
+from ..opencl.device import Device
+from ..progress import Progress
+from ..sampling.distribution import build_distribution
+from ..sampling.samples import Samples
+from . import benchmark_plot, report_figures, stability, stability_plot
+from .benchmark import Measurement, cheapest
+from .report_figures import left_after_averaging
+
+PDF, ARCHIVE, SUMS = "report.pdf", "lightdome-report.zip", "SHA256SUMS"
+TEMPLATE = ("report.typ", "report.bib")
+MISSING = "the report is typeset with Typst, which is not installed; pip install 'lightdome[report]'"
+AVERAGED = 16  # pixels: the side of the squares that the text speaks of
+LEVELS = (0.1, 0.03, 0.01, 0.003)
+
+
+@dataclass(frozen=True)
+class Results:
+    """Folders that the scripts wrote, of one map and one version, with their settings by the same names.
+
+    Names are ``part1`` to ``part4``, ``bench`` and ``stability``; the last two's settings are ``bench.json`` and
+    ``stability.json``.
+    """
+
+    folders: Mapping[str, Path]
+    settings: Mapping[str, Mapping[str, Any]]
+
+
+def require_typst() -> None:
+    """Raise :class:`LightdomeError` where the extra ``[report]`` is not installed."""
+    try:
+        import typst  # noqa: F401
+    except ImportError as error:
+        raise LightdomeError(MISSING) from error
+
+
+@dataclass(frozen=True)
+class Images:
+    """The sphere, (R, R, 3) radiance each: by its samples shared by all pixels, by its samples per pixel, and exact.
+
+    ``exact_per_pixel`` is what the samples per pixel converge to: PBRT sees a map's pixels as areas.
+    """
+
+    shared: Mapping[int, np.ndarray]
+    per_pixel: Mapping[int, np.ndarray]
+    exact: np.ndarray
+    exact_per_pixel: np.ndarray
+
+    def named(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """The shared and the per-pixel images by the names that figures and tables give them."""
+        return (
+            {f"{n} shared": image for n, image in self.shared.items()},
+            {f"{n} a pixel": image for n, image in self.per_pixel.items()},
+        )
+
+    def alike(self) -> tuple[tuple[str, np.ndarray], tuple[str, np.ndarray]]:
+        """The shared and the per-pixel image whose errors are most alike, with their names."""
+        shared, per_pixel = self.named()
+
+        def distance(pair: tuple[tuple[str, np.ndarray], tuple[str, np.ndarray]]) -> float:
+            exact = (self.exact, self.exact_per_pixel)
+            a, b = (left_after_averaging(image, own, 1) for (_, image), own in zip(pair, exact, strict=True))
+            return max(a, b) / max(min(a, b), 1e-9)
+
+        return min(((a, b) for a in shared.items() for b in per_pixel.items()), key=distance)
+
+
+def load_images(device: Device, envmap: EnvironmentMap, results: Results) -> Images:
+    """The images of parts 3 and 4, and the exact ones.
+
+    Raises :class:`LightdomeError` if one cannot be read, or is black.
+    """
+    counts, spp = _options(results, "part2", "counts"), _options(results, "part4", "spp")
+    resolution = _options(results, "part3", "resolution")
+    exact = exact_kept(device, envmap, resolution)
+    if not exact.any():
+        raise LightdomeError("no light of this map falls on the side of the sphere that is seen; use another map")
+    return Images(
+        {n: read_image(results.folders["part3"] / f"sphere_{n}.pfm") for n in sorted(counts)},
+        {n: read_image(results.folders["part4"] / f"sphere_{n}spp.pfm") for n in sorted(spp)},
+        exact,
+        exact_kept(device, envmap, resolution, "areas") if results.settings["part4"]["pbrt"] else exact,
+    )
+
+
+def _options(results: Results, name: str, option: str) -> Any:
+    return results.settings[name]["options"][option]
+
+
+def write(device: Device, envmap: EnvironmentMap, map_name: str, results: Results, out: Path) -> int:
+    """Write ``report.pdf``, the exact sphere's image and ``lightdome-report.zip`` into ``out``; the number of images.
+
+    Raises :class:`LightdomeError` if a file cannot be read or written, no light falls on the sphere, or Typst is
+    not there.
+    """
+    require_typst()
+    images = load_images(device, envmap, results)
+    picture = tone_map(images.exact, auto_exposure(images.exact))
+    packed = {
+        f"{name}/{file}": results.folders[name] / file
+        for name in ("part2", "part3", "part4")
+        for file in results.settings[name]["files"]
+        if file.endswith((".pfm", ".ppm"))
+    }
+    for suffix, pixels in (("pfm", images.exact), ("ppm", picture)):
+        packed[f"exact/sphere.{suffix}"] = out / f"exact.{suffix}"
+        write_image(out / f"exact.{suffix}", pixels)
+
+    with tempfile.TemporaryDirectory(prefix="lightdome-") as name:
+        folder = Path(name)
+        _draw(device, envmap, results, images, folder)
+        text = json.dumps(numbers(envmap, map_name, results, images), allow_nan=False)
+        (folder / "data.json").write_text(text, encoding="utf-8")
+        for file in TEMPLATE:
+            shutil.copy(Path(__file__).with_name(file), folder)
+        pdf = _typeset(folder)
+    with replacing(out / PDF) as temporary:
+        temporary.write_bytes(pdf)
+    _pack(out / ARCHIVE, {PDF: out / PDF, **packed})
+    return len(packed)
+
+
+def _draw(device: Device, envmap: EnvironmentMap, results: Results, images: Images, folder: Path) -> None:
+    """All figures, by the names that ``report.typ`` knows them by."""
+    shared, per_pixel = images.named()
+    points = _points(results)
+    figures: dict[str, Callable[[], Figure]] = {
+        "cdfs": lambda: report_figures.cdfs(build_distribution(device, envmap)),
+        "shared": lambda: benchmark_plot.images(shared, images.exact, ""),
+        "per_pixel": lambda: benchmark_plot.images(per_pixel, images.exact_per_pixel, ""),
+        "bias_and_noise": lambda: report_figures.bias_and_noise(*images.alike(), images.exact, images.exact_per_pixel),
+        "averaging": lambda: report_figures.averaging(shared, per_pixel, images.exact, images.exact_per_pixel),
+        "error_time": lambda: report_figures.for_a_column(benchmark_plot.error_against_time(points, ""), 5.6),
+        "error_count": lambda: report_figures.for_a_column(benchmark_plot.error_against_count(points, ""), 3.8),
+    }
+    with Progress("figures") as progress:
+        for done, (stem, draw) in enumerate(figures.items()):
+            report_figures.save(draw(), folder / f"{stem}.svg")
+            progress.update((done + 1) / len(figures))
+    ready = {
+        "part1": [f"{what}_{way}.svg" for what in ("fresnel", "schlick") for way in ("entering", "leaving")],
+        "part2": [f"em_{n}.png" for n in images.shared],
+    }
+    for name, files in ready.items():
+        for file in files:
+            shutil.copy(results.folders[name] / file, folder)
+
+
+def numbers(envmap: EnvironmentMap, map_name: str, results: Results, images: Images) -> dict[str, object]:
+    """All that ``report.typ`` writes: texts in the digits to show, rows of tables, JSON's types only."""
+    version, made_of = (results.settings["part2"][key] for key in ("versions", "map"))
+    points = _points(results)
+    samples = [Samples.load(results.folders["part2"] / f"samples_{n}.npz") for n in images.shared]
+    return {
+        "version": version["lightdome"],
+        "map": {"name": map_name, **made_of, **_range(envmap)},
+        "fresnel": _fresnel(results.folders["part1"]),
+        "sequence": _options(results, "part2", "sequence"),
+        "seed": str(_options(results, "part2", "seed")),
+        "resolution": len(images.exact),
+        "pixels": f"{int(disc_mask(len(images.exact)).sum()):,}",
+        "counts": list(images.shared),
+        "spp": list(images.per_pixel),
+        "renderer": results.settings["part4"]["pbrt"],
+        "drawn": [_drawn(s) for s in samples],
+        "shared": [[str(n), *_errors(image, images.exact)] for n, image in images.shared.items()],
+        "per_pixel": [[str(n), *_errors(image, images.exact_per_pixel)] for n, image in images.per_pixel.items()],
+        "pair": [name for name, _ in images.alike()],
+        "averaged": AVERAGED,
+        "averaging": [
+            [name, *_averaged(image, exact)]
+            for of_kind, exact in zip(images.named(), (images.exact, images.exact_per_pixel), strict=True)
+            for name, image in of_kind.items()
+        ],
+        "seeds": _seeds(points),
+        "cheapest": _cheapest(points),
+        "exact_seconds": next((f"{p.wall_seconds:.2g}" for p in points if p.method == "exact"), None),
+        "bench": _bench(results.settings["bench"]),
+        "stability": _stability(results.settings["stability"]),
+        "made_with": [
+            agreeing for about in (_machine, _device, _programs) for agreeing in _agreeing(results.settings, about)
+        ],
+    }
+
+
+def _points(results: Results) -> list[Measurement]:
+    return [Measurement(**m) for m in results.settings["bench"]["measurements"]]
+
+
+def _typeset(folder: Path) -> bytes:
+    import typst
+
+    # No fonts of the system: the same report on every machine.
+    return typst.compile(str(folder / TEMPLATE[0]), root=str(folder), ignore_system_fonts=True)
+
+
+def _pack(path: Path, files: Mapping[str, Path]) -> None:
+    """A zip of ``files`` by their names in it, and of their SHA-256 sums as ``sha256sum --check`` reads them."""
+    content = {name: files[name].read_bytes() for name in sorted(files)}
+    sums = "".join(f"{hashlib.sha256(data).hexdigest()}  {name}\n" for name, data in content.items())
+    with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+        for name, data in {SUMS: sums.encode(), **content}.items():
+            entry = zipfile.ZipInfo(name)  # dated 1980, whenever it is made
+            entry.create_system, entry.external_attr = 3, 0o100644 << 16
+            archive.writestr(entry, data, zipfile.ZIP_DEFLATED)
+
+
+def _percent(value: float) -> str:
+    """A fraction as a percentage of three digits, never with an exponent."""
+    if not np.isfinite(value):
+        return "–"
+    value *= 100
+    digits = 2 if value == 0 else max(0, 2 - int(np.floor(np.log10(abs(value)))))
+    return f"{value:.{min(digits, 6)}f}"
+
+
+def _errors(image: np.ndarray, exact: np.ndarray) -> list[str]:
+    """Relative RMSE, the largest error over the image's maximum, the mean error over the mean: percent."""
+    mask = disc_mask(len(exact))
+    difference = image[mask].astype(np.float64) - exact[mask]
+    largest, mean = np.abs(difference).max() / exact.max(), difference.mean() / exact[mask].mean(dtype=np.float64)
+    return [_percent(left_after_averaging(image, exact, 1)), _percent(largest), f"{100 * mean:+.3f}"]
+
+
+def _averaged(image: np.ndarray, exact: np.ndarray) -> list[str]:
+    """The error before and after averaging, percent, and how many times it fell."""
+    before, after = (left_after_averaging(image, exact, side) for side in (1, AVERAGED))
+    return [_percent(before), _percent(after), f"{before / after:.1f}" if after > 0 else "–"]
+
+
+def _range(envmap: EnvironmentMap) -> dict[str, str]:
+    """How stiff the map is."""
+    luminance = envmap.radiance.mean(axis=2, dtype=np.float64)
+    mean = luminance.mean()
+    brightest = np.sort(luminance, axis=None)[::-1].cumsum()
+    pixels = int(np.searchsorted(brightest, brightest[-1] / 2)) + 1
+    return {"peak_over_mean": f"{luminance.max() / mean:,.0f}", "half": f"{pixels:,}", "pixels": f"{luminance.size:,}"}
+
+
+def _drawn(samples: Samples) -> list[str]:
+    """N, how many different pixels they are, and the pixel of the largest p: p, draws expected, draws."""
+    pixels, times = np.unique(samples.pixel, axis=0, return_counts=True)
+    likeliest = int(np.argmax(samples.probability))
+    p = float(samples.probability[likeliest])
+    drawn = int(times[(pixels == samples.pixel[likeliest]).all(axis=1)][0])
+    return [str(len(samples)), str(len(pixels)), f"{100 * p:.3f}", f"{p * len(samples):.2f}", str(drawn)]
+
+
+def _fresnel(folder: Path) -> dict[str, object]:
+    """What part 1 found, in the digits of a table."""
+    try:
+        content = json.loads((folder / "fresnel.json").read_text(encoding="utf-8"))
+    except OSError as error:
+        raise LightdomeError(f"cannot read {folder / 'fresnel.json'}: {error.strerror}") from error
+    return {name: value if value is None or name == "version" else f"{value:.6g}" for name, value in content.items()}
+
+
+def _seeds(points: list[Measurement]) -> list[list[str]]:
+    """The benchmark's plainest shared and per-pixel method: what one image is off, and what the mean of all is."""
+    return [
+        [p.method, str(p.count), str(p.seeds), _percent(p.rmse), _percent(p.rmse_spread), f"{100 * p.bias:+.3f}"]
+        for p in points
+        if p.method in ("independent", "light")
+    ]
+
+
+def _cheapest(points: list[Measurement]) -> list[list[str]]:
+    """For each level of error the fastest method, its count, error and milliseconds; dashes where none was measured."""
+    rows = []
+    for level in LEVELS:
+        best = cheapest(points, level)
+        found = [best.method, str(best.count), _percent(best.rmse), f"{1e3 * best.wall_seconds:.1f}"] if best else []
+        rows.append([f"{100 * level:g}", *(found or ["–"] * 4)])
+    return rows
+
+
+def _bench(content: Mapping[str, Any]) -> dict[str, object]:
+    points = content["measurements"]
+    return {
+        "resolution": content["options"]["resolution"],
+        "seeds": content["options"]["seeds"],
+        "repeats": content["options"]["repeats"],
+        "peers": list(dict.fromkeys(p["method"] for p in points if p["peer"])),
+        "absent": _absent(content),
+    }
+
+
+def _stability(content: Mapping[str, Any]) -> dict[str, object]:
+    """lightdome's table and one for each peer; how many cases hold, fail and were skipped; which peers are absent."""
+    tables = {
+        program: _table(program, [case for case in content["cases"] if case["program"] == program], content["columns"])
+        for program in ("lightdome", *content["peers"])
+    }
+    own = tables.pop("lightdome")
+    verdicts = [case["verdict"] for case in content["cases"] if case["program"] == "lightdome"]
+    return {
+        "draws": f"{content['options']['draws']:,}",
+        "own": own,
+        "peers": list(tables.values()),
+        "absent": _absent(content),
+        **{name.lower(): verdicts.count(name) for name in ("holds", "FAILS", "skipped")},
+    }
+
+
+def _table(program: str, cases: Sequence[Mapping[str, Any]], goals: Mapping[str, Any]) -> dict[str, object]:
+    """The columns that apply: name, goal, meaning; a row a case: group, name, what went wrong, coloured cells."""
+    columns = {name: column for name, column in goals.items() if any(name in case["figures"] for case in cases)}
+    rows = []
+    for case in cases:
+        cells = []
+        for name, column in columns.items():
+            value = float(case["figures"][name]) if name in case["figures"] else None
+            misses = value is not None and not value <= column["goal"]
+            shade = to_hex(stability_plot.colour(value, column["goal"]))
+            cells.append({"text": stability.text(value), "fill": shade, "dark": misses})
+        note = "" if case["verdict"] in ("holds", "measured") else case["verdict"]
+        rows.append({"group": case["group"], "case": case["case"], "note": note, "cells": cells})
+    heads = [[name, stability.text(column["goal"]), column["meaning"]] for name, column in columns.items()]
+    return {"program": program, "columns": heads, "rows": rows}
+
+
+def _absent(content: Mapping[str, Any]) -> list[str]:
+    return [f"{name} ({reason})" for name, reason in content["absent"].items()]
+
+
+def _agreeing(
+    contents: Mapping[str, Mapping[str, Any]], describe: Callable[[Mapping[str, Any]], str]
+) -> list[tuple[list[str], str]]:
+    """The names of results that ``describe`` says the same of, and what it says if it says anything."""
+    groups: dict[str, list[str]] = {}
+    for name, content in contents.items():
+        groups.setdefault(describe(content), []).append(name)
+    return [(names, text) for text, names in groups.items() if text]
+
+
+def _machine(content: Mapping[str, Any]) -> str:
+    """Where and with which versions a result was made."""
+    machine = content["machine"]
+    versions = ", ".join(f"{what} {number}" for what, number in content["versions"].items())
+    return f"{machine['processor']}; {machine['cores']} cores; {machine['system']}; {versions}"
+
+
+def _device(content: Mapping[str, Any]) -> str:
+    """The device that computed a result; some implementations' names have gaps in them."""
+    device = content["device"]
+    return f"OpenCL on {device['name']}, {' '.join(device['implementation'].split())}" if device else "no OpenCL device"
+
+
+def _programs(content: Mapping[str, Any]) -> str:
+    """The other programs that took part in a result."""
+    found = [content["pbrt"]] if content.get("pbrt") else []
+    for name, about in content.get("peers", {}).items():
+        versions = ", ".join(f"{what} {about[what]}" for what in ("mitsuba", "llvm") if what in about)
+        found.append(f"{name} ({versions})" if versions else name)
+    return ", ".join(found)

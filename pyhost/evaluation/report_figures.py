@@ -1,0 +1,181 @@
+"""The report's own figures: CDFs as pictures, and what tells bias from noise.
+
+Lines differ in style as well as in colour, and colour maps run from dark to light: all of it can be told apart in
+grey.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import cycle
+from pathlib import Path
+
+import numpy as np
+
+from .. import plotting  # first: it imports matplotlib
+
+# isort: split
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from ..disc import disc_mask
+from ..files import replacing
+from ..maps.images import auto_exposure, tone_map
+from ..opencl import memory
+from ..sampling.distribution import Distribution
+from .benchmark_plot import MARKERS
+
+BLACK, BLUE, VERMILLION = "#000000", "#0072B2", "#D55E00"
+LINES = [(BLACK, "-"), (BLUE, "--"), (VERMILLION, (0, (1.2, 1.2)))]
+SIDES = (1, 2, 4, 8, 16, 32, 64)  # pixels
+DPI = 300  # of the pictures inside: those of 511 pixels stay as sharp as they are
+SVG = {"svg.hashsalt": "lightdome"}  # without a salt of its own the file would differ from run to run
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write the figure as SVG; the same figure gives the same bytes."""
+    with replacing(path) as temporary, plotting.plain(**SVG):
+        figure.savefig(temporary, format="svg", dpi=DPI, metadata={"Date": None})
+
+
+@plotting.plain()
+def cdfs(distribution: Distribution) -> Figure:
+    """The map beside the CDF over its rows, and the CDF of every row as a picture beside three of them as curves."""
+    radiance = distribution.envmap.radiance
+    height, width = radiance.shape[:2]
+    rows = _unit(memory.download(distribution.device, distribution.row_cdf))
+    marginal = _unit(memory.download(distribution.device, distribution.marginal_cdf)[None])[0]
+    # Those in which a quarter, half and three quarters of the light are reached: never black ones.
+    chosen = np.searchsorted(marginal, (0.25, 0.5, 0.75))
+
+    figure = Figure(figsize=(9, 5.2), layout="constrained")
+    grid = figure.subplots(2, 2, width_ratios=[2, 1.15])
+    (picture, over_rows), (all_rows, some_rows) = grid
+    picture.imshow(tone_map(radiance, auto_exposure(radiance)), aspect="auto")
+    picture.set_title("the map, and three of its rows", loc="left")
+    shown = all_rows.imshow(rows, cmap="cividis", vmin=0, vmax=1, aspect="auto")
+    all_rows.set_title("P(x | y), every row's CDF", loc="left")
+    figure.colorbar(shown, ax=all_rows, location="bottom", shrink=0.6, aspect=40, label="P(x | y)")
+    over_rows.plot(marginal, np.arange(height), color=BLACK)
+    over_rows.set_title("P(y), the CDF over rows", loc="left")
+    over_rows.set_ylim(height - 0.5, -0.5)  # as the map beside it
+    for y, (colour, style) in zip(chosen, LINES, strict=True):
+        picture.axhline(y, color="white", linewidth=2.4)
+        for axes in (picture, over_rows):
+            axes.axhline(y, color=colour, linestyle=style, linewidth=1.2)
+        some_rows.plot(rows[y], color=colour, linestyle=style, label=f"y = {y}")
+    some_rows.set_title("P(x | y) of the three rows", loc="left")
+    some_rows.set_xlim(-0.5, width - 0.5)
+    some_rows.set_xlabel("x, pixels")
+    some_rows.legend(fontsize=8)
+    for axes in (picture, over_rows, all_rows):
+        axes.set_ylabel("y, pixels")
+    for axes in (over_rows, some_rows):
+        axes.grid(alpha=0.3)
+    return figure
+
+
+def _unit(cdf: np.ndarray) -> np.ndarray:
+    """CDFs along the last axis, from whole numbers to 0 .. 1; those of no light are 0."""
+    return cdf / np.maximum(cdf[:, -1:], 1).astype(np.float64)
+
+
+@plotting.plain()
+def bias_and_noise(
+    shared: tuple[str, np.ndarray],
+    per_pixel: tuple[str, np.ndarray],
+    exact: np.ndarray,
+    exact_per_pixel: np.ndarray | None = None,
+) -> Figure:
+    """Two images of similar error: where each is too bright or too dark, and their middle rows beside the exact one.
+
+    ``exact_per_pixel`` is the exact image of ``per_pixel``, if it is another.
+    """
+    mask = disc_mask(len(exact))
+    mean = exact[mask].mean(dtype=np.float64)
+    own = exact if exact_per_pixel is None else exact_per_pixel
+    signed = {name: _grey(image - e) / mean for (name, image), e in ((shared, exact), (per_pixel, own))}
+    limit = max(np.percentile(np.abs(d[mask]), 98) for d in signed.values()) or 1.0
+    norm = Normalize(-100 * limit, 100 * limit)
+
+    figure = Figure(figsize=(9, 3.4), layout="compressed")
+    *pictures, curves = figure.subplots(1, 3, width_ratios=[1, 1, 1.9])
+    for axes, (name, difference) in zip(pictures, signed.items(), strict=True):
+        shown = axes.imshow(np.where(mask, 100 * difference, np.nan), norm=norm, cmap="cividis")
+        axes.set_title(name, fontsize=10)
+        axes.axhline(len(exact) // 2, color="white", linewidth=0.6)
+        axes.axis("off")
+    figure.colorbar(shown, ax=pictures, label="error, % of the mean radiance", location="bottom", aspect=30)
+
+    middle = len(exact) // 2
+    x = np.flatnonzero(mask[middle])
+    curves.plot(x, _grey(per_pixel[1][middle, x]), color="0.55", linewidth=0.6, label=per_pixel[0])
+    curves.plot(x, _grey(exact[middle, x]), color=BLACK, linewidth=2, label="exact")
+    curves.plot(x, _grey(shared[1][middle, x]), color=VERMILLION, linewidth=1.8, linestyle="--", label=shared[0])
+    curves.set_xlabel("x on the middle row, pixels")
+    curves.set_ylabel("radiance, mean of R, G, B")
+    curves.set_ylim(bottom=0)
+    curves.grid(alpha=0.3)
+    curves.legend(fontsize=8)
+    return figure
+
+
+def _grey(pixels: np.ndarray) -> np.ndarray:
+    return pixels.mean(axis=-1, dtype=np.float64)  # sums of three may leave float32's range
+
+
+def left_after_averaging(image: np.ndarray, exact: np.ndarray, side: int) -> float:
+    """The relative RMSE that is left when both images are averaged over squares of ``side`` pixels.
+
+    Only squares inside the sphere count; NaN where none is, or no light falls on them.
+    """
+    whole = len(exact) // side * side
+    inside = disc_mask(len(exact))[:whole, :whole].reshape(whole // side, side, -1, side).all(axis=(1, 3))
+
+    def squares(pixels: np.ndarray) -> np.ndarray:
+        blocks = pixels[:whole, :whole].astype(np.float64).reshape(whole // side, side, -1, side, 3)
+        return blocks.mean(axis=(1, 3))[inside]
+
+    truth = squares(exact)
+    if not truth.any():
+        return float("nan")
+    return float(np.sqrt(((squares(image) - truth) ** 2).mean() / (truth**2).mean()))
+
+
+@plotting.plain()
+def averaging(
+    shared: Mapping[str, np.ndarray],
+    per_pixel: Mapping[str, np.ndarray],
+    exact: np.ndarray,
+    exact_per_pixel: np.ndarray | None = None,
+) -> Figure:
+    """Log-log: the error left over the side of the squares averaged over. Noise falls, a common error stays.
+
+    ``exact_per_pixel`` is the exact image of ``per_pixel``, if it is another.
+    """
+    figure = Figure(figsize=(9, 3.8), layout="constrained")
+    axes = figure.add_subplot()
+    markers = cycle(MARKERS)
+    own = exact if exact_per_pixel is None else exact_per_pixel
+    for images, truth, colour, style in ((shared, exact, BLUE, "-"), (per_pixel, own, VERMILLION, "--")):
+        for name, image in images.items():
+            left = [100 * left_after_averaging(image, truth, side) for side in SIDES]
+            axes.plot(SIDES, left, color=colour, linestyle=style, marker=next(markers), markersize=5, label=name)
+    # How the error of independent pixels falls, from where the last line begins.
+    axes.plot(SIDES, [left[0] / side for side in SIDES], color="0.6", linestyle=":", label="1 / side")
+    axes.set_xscale("log", base=2)
+    axes.set_yscale("log")
+    axes.set_xticks(SIDES, [str(side) for side in SIDES])
+    axes.set_xlabel("side of the squares averaged over, pixels")
+    axes.set_ylabel("relative RMSE left, %")
+    axes.grid(True, which="both", alpha=0.25)
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1))
+    return figure
+
+
+def for_a_column(figure: Figure, height: float) -> Figure:
+    """A plot of the benchmark, ``height`` inches high, for the width of a text; its read-outs are a table there."""
+    figure.set_size_inches(7.6, height)
+    if legend := figure.axes[0].get_legend():
+        legend.set_title(None)
+    return figure

@@ -1,0 +1,318 @@
+"""Stages against the machine's own limits, measured in the same run.
+
+A machine moves so many bytes a second and multiplies and adds so many float32 a second, and both are measured
+here by small kernels of our own (``copy.cl``, ``multiply_add.cl``; ``launch.cl`` does nothing). A stage must
+move some bytes and needs some operations, so the machine cannot finish it before
+
+    max(bytes / bandwidth, operations / multiply-adds a second)
+
+and the share of that time in the stage's own is how near it comes to the roof of Williams, Waterman, Patterson,
+Roofline: An Insightful Visual Performance Model (2009). Bandwidth is that of a copy of as many bytes as the stage
+moves: small maps fit a cache, large ones do not. A stage that is little more than a copy has that copy beside each of
+its runs. See :mod:`lightdome.evaluation.roofline_stages` for what is counted, and
+:mod:`lightdome.evaluation.roofline_plot` for the pictures.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import ctypes
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pyopencl as cl
+
+from ..files import replacing
+from ..opencl import memory
+from ..opencl.memory import DeviceArray
+from .roofline_stages import MADE, PAIR, Stage
+
+if TYPE_CHECKING:
+    from ..opencl.device import Device
+
+COPY_BYTES = tuple(2**k for k in (21, 23, 25, 27, 29))  # read and written together: from a cache to main memory
+COPY_BLOCK = 2048  # vectors of 4 floats that a work-item of a CPU copies
+COPY_UNIT = 16 * COPY_BLOCK  # bytes
+CHAINS = 8  # vectors of 16 multiply-adds under way in a work-item of a CPU
+ITEMS_A_UNIT = 1024  # work-items of multiply_add.cl a compute unit
+STEPS = 2**14  # sums of the chains stay whole numbers in float32
+LIMIT_REPEATS = 9
+LAUNCHES = 101
+PATIENCE = 5.0  # seconds of repeats of one stage: what takes longer is repeated less often
+TRANSFERS = ("upload", "download")
+AXES = ("map", "resolution", "N")
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the device can do at most.
+
+    - ``copies``: bytes a second, read and written, by the bytes that a copy touches
+    - ``multiply_adds``: float32 multiply-adds a second
+    - ``launch_seconds``: wall time of a kernel that does nothing, from the call until it is known to be done
+    """
+
+    copies: dict[int, float]
+    multiply_adds: float
+    launch_seconds: float
+
+    def bandwidth(self, size: float) -> float:
+        """Bytes a second of a copy that touches ``size`` bytes, between those measured."""
+        return float(np.interp(np.log(max(size, 1.0)), np.log(list(self.copies)), list(self.copies.values())))
+
+    def best(self, other: Limits) -> Limits:
+        """The better of each: other programs on the machine only make it look slower."""
+        return Limits(
+            {size: max(rate, other.copies[size]) for size, rate in self.copies.items()},
+            max(self.multiply_adds, other.multiply_adds),
+            min(self.launch_seconds, other.launch_seconds),
+        )
+
+
+@dataclass(frozen=True)
+class Timing:
+    """A stage's device time: median of repeats after a warm-up, and half the distance of the quartiles.
+
+    Kernels that write memory which is new each time, as large results are, also wait for the system to clear its pages.
+    ``peak_bytes`` is the host's memory that a run takes beyond what was there before; None where the system does
+    not tell. On a device that shares the host's memory, that is all of it. ``bandwidth`` is that of copies between the
+    repeats, bytes a second, for stages that have any.
+    """
+
+    stage: Stage
+    seconds: float
+    spread: float
+    repeats: int
+    peak_bytes: int | None
+    bandwidth: float | None = None
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One stage at one size, beside the limits."""
+
+    stage: str
+    map: str
+    width: int | None
+    height: int | None
+    resolution: int | None
+    N: int | None
+    seconds: float
+    spread: float
+    repeats: int
+    peak_bytes: int | None
+    bytes: float
+    operations: float
+    counted: str  # "least", or "brute force" where operations are those of a kernel that skips nothing
+    bandwidth_share: float
+    multiply_add_share: float
+    bound: str
+    bound_share: float
+    rate: float
+    unit: str
+    brute_force_ratio: float | None  # times as fast as multiply-adds let a brute-force kernel be
+
+    @property
+    def map_pixels(self) -> int | None:
+        """Pixels of the map, None for a stage that sees none."""
+        return self.width * self.height if self.width and self.height else None
+
+
+def measure_limits(device: Device) -> Limits:
+    """Measure the limits of ``device``: medians after a warm-up. Takes a few seconds."""
+    copies = {size: size / copy(device, size // 2)[1] for size in COPY_BYTES}
+    result, seconds = multiply_add(device, STEPS)
+    return Limits(copies, result.size * _chains(device) * STEPS / seconds, launch(device))
+
+
+def copy(device: Device, size: int) -> tuple[np.ndarray, float]:
+    """Copy ``size`` bytes, a multiple of COPY_UNIT: what arrived, float32, and the median seconds."""
+    start, target = _copies(device, size)
+    seconds = _median(start)
+    return memory.download(device, target), seconds
+
+
+def _copies(device: Device, size: int) -> tuple[Callable[[], cl.Event], DeviceArray]:
+    """What starts a copy of ``size`` bytes, and where it goes."""
+    block = 1 if device.is_gpu else COPY_BLOCK
+    source, target = (memory.empty(device, size // 4, np.float32) for _ in range(2))
+    for array, value in (source, 1.5), (target, 0.0):  # touches all pages
+        cl.enqueue_fill_buffer(device.queue, array.buffer, np.float32(value), 0, size)
+    kernel = device.kernel("limits/copy", BLOCK=block)
+    local = (1,) if block > 1 else None
+
+    def start() -> cl.Event:
+        return kernel(device.queue, (size // (16 * block),), local, source.buffer, target.buffer)
+
+    return start, target
+
+
+def multiply_add(device: Device, steps: int) -> tuple[np.ndarray, float]:
+    """Count to ``steps`` in many chains: sums of lanes, (items, 16) float32, and the median seconds."""
+    result = memory.empty(device, (device.handle.max_compute_units * ITEMS_A_UNIT, 16), np.float32)
+    kernel = device.kernel("limits/multiply_add", CHAINS=_chains(device))
+    one, local = np.float32(1), None if device.is_gpu else (1,)
+    seconds = _median(lambda: kernel(device.queue, result.shape[:1], local, one, one, np.uint32(steps), result.buffer))
+    return memory.download(device, result), seconds
+
+
+def launch(device: Device) -> float:
+    """Wall seconds, the median, of a kernel that does nothing, from the call until it is known to be done."""
+    kernel = device.kernel("limits/launch")
+    walls = []
+    for _ in range(LAUNCHES):
+        start = time.perf_counter()
+        kernel(device.queue, (1,), (1,)).wait()
+        walls.append(time.perf_counter() - start)
+    return statistics.median(walls)
+
+
+def _chains(device: Device) -> int:
+    return 1 if device.is_gpu else CHAINS
+
+
+def _median(launch: Callable[[], cl.Event]) -> float:
+    """Seconds of a kernel: the median after a warm-up."""
+    launch().wait()
+    events = []
+    for _ in range(LIMIT_REPEATS):
+        events.append(launch())
+        events[-1].wait()
+    return statistics.median(map(_seconds, events))
+
+
+def _seconds(event: cl.Event) -> float:
+    event.wait()
+    return 1e-9 * (event.profile.end - event.profile.start)
+
+
+def measure(device: Device, stage: Stage, repeats: int) -> Timing:
+    """Run ``stage`` once to warm up, then ``repeats`` times, less often where that takes too long."""
+    stage.run()
+    half = max(1, round(stage.work.bytes / 2 / COPY_UNIT)) * COPY_UNIT
+    start_copy = _copies(device, half)[0] if stage.beside_copy else None
+    seconds: list[float] = []
+    bandwidths: list[float] = []
+    begin = time.monotonic()
+    while len(seconds) < repeats and (not seconds or time.monotonic() - begin < PATIENCE):
+        if start_copy:
+            bandwidths.append(2 * half / _seconds(start_copy()))
+        device.profile.clear()
+        stage.run()
+        timed = device.profile.seconds()
+        of_stage = timed.keys() - TRANSFERS if stage.events is None else stage.events
+        seconds.append(sum(timed[event] for event in of_stage))
+    device.profile.clear()
+    before = _reset_peak()  # apart from the times: pages that are handed back have to be cleared again
+    stage.run()
+    peak = _memory("VmHWM") - before if before else None
+    return Timing(
+        stage,
+        statistics.median(seconds),
+        float(np.subtract(*np.percentile(seconds, [75, 25])) / 2),
+        len(seconds),
+        peak,
+        statistics.median(bandwidths) if bandwidths else None,
+    )
+
+
+def _reset_peak() -> int:
+    """Forget the peak of this process's resident memory; its bytes now, 0 where the system does not tell."""
+    with contextlib.suppress(AttributeError):  # of glibc: what was freed would be taken again unseen
+        ctypes.CDLL(None).malloc_trim(0)
+    try:
+        Path("/proc/self/clear_refs").write_text("5")
+        return _memory("VmRSS")
+    except OSError:
+        return 0
+
+
+def _memory(name: str) -> int:
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith(name):
+            return 1024 * int(line.split()[1])
+    return 0
+
+
+def rated(timing: Timing, limits: Limits) -> Measurement:
+    """``timing`` beside ``limits``."""
+    stage, work, seconds = timing.stage, timing.stage.work, timing.seconds
+    bandwidth = work.bytes / (timing.bandwidth or limits.bandwidth(work.bytes)) / seconds
+    arithmetic = work.operations / limits.multiply_adds / seconds
+    return Measurement(
+        stage=stage.name,
+        map=stage.map,
+        width=stage.map_shape and stage.map_shape[1],
+        height=stage.map_shape and stage.map_shape[0],
+        resolution=stage.resolution,
+        N=stage.N,
+        seconds=seconds,
+        spread=timing.spread,
+        repeats=timing.repeats,
+        peak_bytes=timing.peak_bytes,
+        bytes=work.bytes,
+        operations=work.operations,
+        counted="brute force" if work.skips else "least",
+        bandwidth_share=bandwidth,
+        multiply_add_share=arithmetic,
+        bound="bandwidth" if bandwidth > arithmetic else "multiply-add",
+        bound_share=max(bandwidth, arithmetic),
+        rate=work.amount / seconds,
+        unit=work.unit,
+        brute_force_ratio=work.pairs * PAIR / limits.multiply_adds / seconds if work.pairs else None,
+    )
+
+
+def lines(points: Sequence[Measurement], axis: str) -> dict[str, list[Measurement]]:
+    """Each stage's measurements along ``axis``, ``map``, ``resolution`` or ``N``, where all else is the same.
+
+    Along ``map`` these are those of maps that were made for it. Of several lines of a stage, the longest is taken.
+    """
+    found: dict[tuple[object, ...], list[Measurement]] = {}
+    for p in points:
+        if extent(p, axis) and (axis != "map" or p.map == MADE):
+            rest = [(p.map, p.map_pixels), p.resolution, p.N]
+            rest[AXES.index(axis)] = None
+            found.setdefault((p.stage, *rest), []).append(p)
+    result: dict[str, list[Measurement]] = {}
+    for key, line in found.items():
+        if len(line) > max(1, len(result.get(key[0], ()))):
+            result[key[0]] = sorted(line, key=lambda p: extent(p, axis))
+    return result
+
+
+def extent(point: Measurement, axis: str) -> int | None:
+    """How large a measurement's problem is along ``axis``: pixels of the map, pixels of the image, or N."""
+    return {"map": point.map_pixels, "resolution": point.resolution and point.resolution**2, "N": point.N}[axis]
+
+
+def exponent(sizes: Sequence[float], values: Sequence[float]) -> float | None:
+    """The b of the fit values ~ sizes^b, None for fewer than two sizes or values of zero."""
+    if len(set(sizes)) < 2 or min(values) <= 0:
+        return None
+    return float(np.polyfit(np.log(sizes), np.log(values), 1)[0])
+
+
+def exponents(points: Sequence[Measurement]) -> dict[str, dict[str, float | None]]:
+    """The exponents of time by axis and stage."""
+    return {
+        axis: {
+            name: exponent([extent(p, axis) for p in line], [p.seconds for p in line])
+            for name, line in lines(points, axis).items()
+        }
+        for axis in AXES
+    }
+
+
+def write_csv(path: Path, points: Sequence[Measurement]) -> None:
+    """One row a measurement, a column a figure; seconds, bytes, and amounts a second."""
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, [f.name for f in fields(Measurement)])
+        writer.writeheader()
+        writer.writerows(asdict(p) for p in points)

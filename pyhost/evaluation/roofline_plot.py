@@ -1,0 +1,153 @@
+"""The pictures of :mod:`lightdome.evaluation.roofline`: stages under the machine's roof; how time and memory grow."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .. import plotting  # first: it imports matplotlib
+
+# isort: split
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import NullLocator
+from matplotlib.transforms import Bbox
+
+from .benchmark_plot import COLOURS, MARKERS
+from .roofline import AXES, Limits, Measurement, exponent, extent, lines
+
+SHAPES = [*MARKERS, "d", (4, 1, 0)]
+LABEL_OFFSETS = [(sign * 8, dy, side) for dy in (0, 8, -8, 16, -16) for sign, side in ((1, "left"), (-1, "right"))]
+AXIS_LABELS = {"map": "pixels of the map", "resolution": "pixels of the image", "N": "N, samples or lights"}
+
+
+def _styles(points: Sequence[Measurement]) -> dict[str, dict[str, object]]:
+    """A colour and a marker for each stage, the same in all pictures; markers tell stages apart in grey."""
+    names = list(dict.fromkeys(p.stage for p in points))
+    return {
+        name: {"color": COLOURS[i % len(COLOURS)], "marker": SHAPES[i % len(SHAPES)]} for i, name in enumerate(names)
+    }
+
+
+@plotting.plain()
+def roofline(points: Sequence[Measurement], limits: Limits, title: str) -> Figure:
+    """Operations a second against operations a byte, log-log: a mark for a stage's longest run, small ones for others.
+
+    A hollow mark is a stage that was counted as brute force, so it may lie above the roof.
+    """
+    styles = _styles(points)
+    figure = Figure(figsize=(12, 7), layout="constrained")
+    axes = figure.add_subplot()
+    axes.set_title(title, loc="left")
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.grid(True, alpha=0.25)
+    axes.set_xlabel("operations on float32 a byte")
+    axes.set_ylabel("operations a second")
+
+    intensity = [p.operations / p.bytes for p in points]
+    x = np.geomspace(min(intensity) / 2, max(intensity) * 8, 200)
+    for size, dash in (max(limits.copies, key=limits.copies.get), "--"), (max(limits.copies), "-"):
+        said = f"copy of {size >> 20} MiB: {1e-9 * limits.copies[size]:.3g} GB/s"
+        axes.plot(x, np.minimum(limits.copies[size] * x, limits.multiply_adds), dash, color="black", label=said)
+    axes.plot([], [], " ", label=f"multiply-adds: {1e-9 * limits.multiply_adds:.3g} G/s")
+
+    labels = []
+    for name in dict.fromkeys(p.stage for p in points):
+        style = styles[name]
+        of_stage = sorted((p for p in points if p.stage == name), key=lambda p: p.seconds)
+        places = [(p.operations / p.bytes, p.operations / p.seconds) for p in of_stage]
+        axes.plot(*zip(*places, strict=True), **style, linestyle="none", markersize=3, alpha=0.5)
+        longest = of_stage[-1]
+        skips = longest.counted == "brute force"
+        share = f"{longest.bound_share:.1f} x brute force" if skips else f"{100 * longest.bound_share:.3g} %"
+        axes.plot(
+            *places[-1],
+            **style,
+            linestyle="none",
+            markersize=9,
+            markerfacecolor="white" if skips else style["color"],
+            markeredgecolor=style["color"] if skips else "black",
+            label=f"{name}, {_size(longest)}: {share}",
+        )
+        labels.append((places[-1], name))
+    axes.legend(
+        fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1), title="longest run: share of the limit that binds it"
+    )
+    _annotate(figure, axes, labels)
+    return figure
+
+
+def _annotate(figure: Figure, axes: Axes, labels: Sequence[tuple[tuple[float, float], str]]) -> None:
+    """Write each label beside its place, where it covers no other label and no other place."""
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    figure.draw_without_rendering()
+    spots = [axes.transData.transform(place) for place, _ in labels]
+    taken = [Bbox.from_bounds(x - 9, y - 9, 18, 18) for x, y in spots]
+    for place, name in labels:
+        for dx, dy, side in LABEL_OFFSETS:
+            text = axes.annotate(name, place, (dx, dy), textcoords="offset points", ha=side, va="center", fontsize=8)
+            box = text.get_window_extent(renderer)
+            if not any(box.overlaps(other) for other in taken):
+                break
+            text.remove()
+        taken.append(box)
+
+
+def _size(point: Measurement) -> str:
+    parts = []
+    if point.width:
+        parts.append(f"{point.width} x {point.height}")
+    if point.resolution:
+        parts.append(f"R {point.resolution}")
+    if point.N:
+        parts.append(f"N {point.N}")
+    return ", ".join(parts)
+
+
+@plotting.plain()
+def scaling(points: Sequence[Measurement], title: str) -> Figure:
+    """Time and peak memory against the size of the map, of the image, and N; fitted exponents in the legends."""
+    styles = _styles(points)
+    figure = Figure(figsize=(13, 10), layout="constrained")
+    figure.suptitle(title, x=0.01, ha="left")
+    grid = figure.subplots(3, len(AXES), squeeze=False, height_ratios=(3, 3, 1.6))
+    for axis, (times, memories, legend) in zip(AXES, grid.T, strict=True):
+        handles, ticks = [], {}
+        for name, line in lines(points, axis).items():
+            sizes = [extent(p, axis) for p in line]
+            ticks |= {size: _tick(p, axis) for size, p in zip(sizes, line, strict=True)}
+            times.plot(sizes, [1e3 * p.seconds for p in line], **styles[name])
+            known = [(s, p.peak_bytes / 2**20) for s, p in zip(sizes, line, strict=True) if p.peak_bytes]
+            memories.plot(*zip(*known, strict=True) if known else ((), ()), **styles[name])
+            time = exponent(sizes, [p.seconds for p in line])
+            memory = exponent(*zip(*known, strict=True)) if known else None
+            label = f"{name}: {_power(time)}, {_power(memory)}"
+            handles.append(Line2D([], [], **styles[name], label=label))
+        for axes in (times, memories):
+            axes.set_xscale("log")
+            axes.set_yscale("log")
+            axes.grid(True, alpha=0.25)
+            axes.set_xticks(list(ticks), list(ticks.values()))
+            axes.xaxis.set_minor_locator(NullLocator())
+            axes.set_xlabel(AXIS_LABELS[axis])
+        times.set_ylabel("device time, ms (median)")
+        memories.set_ylabel("peak memory beside the input, MiB")
+        legend.axis("off")
+        legend.legend(handles=handles, fontsize=8, loc="upper center", ncols=2, title="exponents of time, memory")
+    return figure
+
+
+def _tick(point: Measurement, axis: str) -> str:
+    return {
+        "map": f"{point.width} x {point.height}",
+        "resolution": f"{point.resolution} x {point.resolution}",
+        "N": f"{point.N}",
+    }[axis]
+
+
+def _power(value: float | None) -> str:
+    return "–" if value is None else f"{value:.2f}"

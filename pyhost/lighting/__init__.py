@@ -1,0 +1,1 @@
+"""From lights, or from a whole map, to an image of the sphere."""

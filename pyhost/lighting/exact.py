@@ -1,0 +1,148 @@
+"""The image that a whole map makes of the diffuse sphere: every pixel of the map once, as its centre or as an area.
+
+The conventions of camera and image are those of :mod:`lightdome.lighting.shade`. Kernels: ``arc_sums.cl`` with
+``exact.cl`` or ``exact_areas.cl``.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from .. import __version__, checks
+from ..cache import key_of, remembered
+from ..disc import check_resolution, disc_tiles, note_tiles
+from ..float_range import to_float32
+from ..maps.envmap import EnvironmentMap
+from ..maps.geometry import column_angles, row_angles, sine_cosine, solid_angles
+from ..opencl import memory
+from ..opencl.device import Device
+from ..progress import Progress
+from ..sampling.distribution import range_scale
+from .horizon import LEAST_SHAPE, area_moments, horizon_tables
+
+ARCS_ROWS = 64  # that are added in single precision; the sum over bands is in double words
+ARCS_BYTES = 2**22  # prefix sums of a band of map rows that the image is summed from: about a second-level cache
+# Part of the key of kept images: change it when the camera or a map's orientation changes.
+CONVENTION = "row 0 up, phi from +x to +z, camera along -z"
+PIXELS = ("centres", "areas")
+KERNELS = {"centres": "lighting/exact", "areas": "lighting/exact_areas"}  # that add up the arcs of rows
+
+
+def exact_kept(
+    device: Device, envmap: EnvironmentMap, resolution: int = 511, pixels: Literal["centres", "areas"] = "centres"
+) -> np.ndarray:
+    """:func:`exact` with albedo 1, from the cache on disk if the same kernels have summed the same map before."""
+    checks.instance("the device", device, Device)
+    checks.instance("the map", envmap, EnvironmentMap)
+    resolution = check_resolution(resolution)
+    checks.choice("pixels", pixels, PIXELS)
+    kernels = [device.programs.text(name) for name in ("lighting/arc_sums", KERNELS[pixels])]
+    of_map = str(envmap.radiance.shape), envmap.radiance.data
+    key = key_of(CONVENTION, __version__, *kernels, pixels, str(resolution), *of_map)
+    shape = (resolution, resolution, 3)
+    return remembered("exact", key, lambda: exact(device, envmap, resolution, pixels=pixels), shape)
+
+
+def exact(
+    device: Device,
+    envmap: EnvironmentMap,
+    resolution: int = 511,
+    albedo: float = 1.0,
+    pixels: Literal["centres", "areas"] = "centres",
+) -> np.ndarray:
+    """The image that estimators converge to, by one of two integrals over all pixels of the map.
+
+    - ``centres``: a pixel of the map is the direction of its centre, weighted by its solid angle. Samples, lights,
+      harmonics, and the estimators ``light`` and ``product`` converge to it.
+    - ``areas``: a pixel of the map is an area of constant radiance, which the horizon may cut. The estimators ``bsdf``
+      and ``mis`` converge to it. About three times the work.
+
+    They differ, in both directions, by a part of the image's maximum that falls as 1 / H, H the map's height: by about
+    5 % under one lamp on 16 x 8 pixels. Time is in proportion to R^2 H, with ``areas`` to R^2 (H + W), and to the map's
+    pixels, not to their product with R^2. See :func:`shade` for the image. Raises :class:`LightdomeError` for a
+    resolution outside 1 to 16384, and for other ``pixels``.
+    Kernels: ``arc_sums.cl`` with ``exact.cl`` or ``exact_areas.cl``.
+    """
+    checks.instance("the device", device, Device)
+    checks.instance("the map", envmap, EnvironmentMap)
+    resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
+    checks.choice("pixels", pixels, PIXELS)
+    height, width, values = envmap.height, envmap.width, envmap.radiance
+    areas = pixels == "areas"
+    if areas:  # radiance is constant over a pixel, so its parts send what it sends
+        for axis, least in enumerate(LEAST_SHAPE):
+            values = np.repeat(values, -(-least // values.shape[axis]), axis=axis)
+        height, width = values.shape[:2]
+    scale = range_scale(envmap.peak)
+    theta, phi = row_angles(height), column_angles(width)
+    lanes = device.vector_width
+    radiance = memory.upload(device, values)
+    rows = memory.upload(device, area_moments(height, width) if areas else sine_cosine(theta))
+    columns = memory.upload(device, sine_cosine(phi))
+    weight = memory.upload(device, (scale / np.pi * solid_angles(height, width)).astype(np.float32))
+    half_arc = None if areas else memory.upload(device, _half_arcs(theta, width, resolution))
+    tiles = disc_tiles(resolution, lanes, 1)
+    tile_buffer = memory.upload(device, tiles)
+    line = (width + 1) // 2 + width + 1
+    grey = envmap.is_grey
+    if grey:
+        device.decisions.skip("separate channels", "the map is grey")
+    else:
+        device.decisions.use("separate channels", "the map is in colour")
+    note_tiles(device.decisions, tiles, resolution, lanes, 1)
+    word = 4 if grey else 16  # floats
+    band = max(2, min(height, ARCS_ROWS, ARCS_BYTES // (8 * word * line)))
+    arcs = memory.empty(device, (band, line, 2, word), np.float32)
+    total = memory.zeros(device, (2, resolution, resolution, 3), np.float32)
+
+    defines = {"GREY": 1} if grey else {}
+    sums = device.kernel("lighting/arc_sums", **defines)
+    kernel = device.kernel(KERNELS[pixels], PIXELS=lanes, **defines)
+    with Progress("summing the map") as progress:
+        for first in range(0, height, band):
+            count = min(band, height - first)
+            event = sums(
+                device.queue,
+                (count,),
+                device.one_by_one(),
+                radiance.buffer,
+                rows.buffer,
+                columns.buffer,
+                weight.buffer,
+                np.uint32(width),
+                np.uint32(first),
+                arcs.buffer,
+            )
+            device.profile.record("arc sums", event)
+            if half_arc is None:
+                tables = [memory.upload(device, a) for a in horizon_tables(resolution, height, width, first, count)]
+                of_rows = (radiance.buffer, np.float32(scale), *(table.buffer for table in tables), np.uint32(width))
+            else:
+                of_rows = (half_arc.buffer, np.uint32(width), np.uint32(height))
+            event = kernel(
+                device.queue,
+                (len(tiles),),
+                None if lanes == 1 else (1,),
+                arcs.buffer,
+                *of_rows,
+                np.uint32(first),
+                np.uint32(count),
+                np.int32(resolution),
+                tile_buffer.buffer,
+                total.buffer,
+            )
+            device.profile.record("exact", event)
+            event.wait()
+            progress.update((first + count) / height)
+    image = np.add(*memory.download(device, total), dtype=np.float64)
+    image *= albedo / scale
+    return to_float32(image)
+
+
+def _half_arcs(theta: np.ndarray, width: int, resolution: int) -> np.ndarray:
+    """Half the arc of each map row above the horizon of an image row's normals, in columns: (R, H) float32."""
+    n_y = (resolution - 2.0 * np.arange(resolution) - 1) / resolution
+    q = -(n_y / np.sqrt(1 - n_y**2))[:, None] / np.tan(theta)
+    return (np.arccos(np.clip(q, -1, 1)) * (width / (2 * np.pi))).astype(np.float32)

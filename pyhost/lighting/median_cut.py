@@ -1,0 +1,168 @@
+"""Median cut: N lights that carry the map's energy in equal parts, without chance and so without variance.
+
+The map is cut into N rectangles of equal energy, and each becomes one light with the rectangle's whole
+flux, in the direction of its centroid. Source: Debevec, A Median Cut Algorithm for Light Probe
+Sampling (2005). It differs from the paper where the paper leaves off:
+
+- N need not be a power of two: a region for n lights is cut at floor(n / 2) / n of its energy, and its parts
+  share the n lights by what they hold. For powers of two these are the paper's medians.
+- A pixel can hold more than the N-th part of the energy. It becomes a light of its own, and counts in
+  the cuts no more than the others' share, so that the other lights remain for the rest of the map.
+- The centroid is that of directions in space, not of angles: it knows no poles, and from 64 lights on its image
+  was nearer to the exact one, by 4 to 26 % of the error.
+- A region's width is taken where it is nearest to the equator, so that none is longer than it seems.
+
+Energy is summed in 64-bit integers: regions' sums are exact on every map, and every device cuts alike.
+Kernels: ``row_sums.cl``, ``column_sums.cl``, ``median_cut.cl``, ``span_sums.cl``.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .. import checks
+from ..errors import LightdomeError
+from ..maps.geometry import row_angles, solid_angles
+from ..opencl import memory
+from ..opencl.memory import DeviceArray
+from ..sampling.distribution import BLACK, Distribution
+from .lights import Lights
+
+MAX_LIGHTS = 2**22
+UNCAPPED = 2**63 - 1
+
+
+def median_cut(distribution: Distribution, count: int) -> Lights:
+    """The lights of :func:`regions`, in their order.
+
+    Fluxes add up to that of the map. A region whose light comes from all sides alike has no centroid;
+    its light comes from above. Raises :class:`LightdomeError` as :func:`regions` does.
+    """
+    checks.instance("the distribution", distribution, Distribution)
+    device, envmap = distribution.device, distribution.envmap
+    x0, y0, x1, y1 = regions(distribution, count).T
+
+    # One span for each row of each region.
+    rows = y1 - y0
+    begin = np.cumsum(rows) - rows
+    y = np.arange(rows.sum()) - np.repeat(begin - y0, rows)
+    span = np.stack([y, np.repeat(x0, rows), np.repeat(x1, rows)], axis=1).astype(np.uint32)
+    sums = memory.empty(device, (len(span), 8), np.float32)
+    span_buffer = memory.upload(device, span)
+    event = device.kernel("lighting/span_sums")(
+        device.queue,
+        (len(span),),
+        device.one_by_one(),
+        distribution.radiance.buffer,
+        distribution.phi.buffer,
+        np.uint32(envmap.width),
+        np.float32(distribution.scale),
+        span_buffer.buffer,
+        sums.buffer,
+    )
+    device.profile.record("span sums", event)
+
+    # Factors that a row has in common are the host's, in float64.
+    light = memory.download(device, sums).astype(np.float64) * solid_angles(envmap.height, envmap.width)[y, None]
+    theta = row_angles(envmap.height)[y]
+    moment = np.stack(
+        [np.sin(theta) * light[:, 3], np.cos(theta) * light[:, :3].sum(axis=1), np.sin(theta) * light[:, 4]], axis=1
+    )
+    flux = np.add.reduceat(light[:, :3], begin)
+    moment = np.add.reduceat(moment, begin)
+    length = np.linalg.norm(moment, axis=1, keepdims=True)
+    direction = np.where(length > 1e-6 * flux.sum(axis=1, keepdims=True), moment, (0, 1, 0))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    return checks.made(Lights, direction=direction.astype(np.float32), flux=flux / distribution.scale)
+
+
+def regions(distribution: Distribution, count: int) -> np.ndarray:
+    """Cut the map into ``count`` rectangles of equal energy: (count, 4) int64.
+
+    Each is (x0, y0, x1, y1): columns x0 to x1 - 1, rows y0 to y1 - 1. They cover the map, none overlaps another
+    and none is black; a map with fewer lit pixels is cut into as many regions as it has. Energies are as
+    equal as pixels permit, where a pixel above the equal share counts as that share.
+
+    Raises :class:`LightdomeError` if the map is black or ``count`` is not from 1 to 4194304.
+    """
+    checks.instance("the distribution", distribution, Distribution)
+    count = checks.whole("the number of lights", count, 1, MAX_LIGHTS)
+    if distribution.total == 0:
+        raise LightdomeError(BLACK)
+    device, envmap = distribution.device, distribution.envmap
+    table, lit, count = _table(distribution, count)
+    edge_sine = memory.upload(device, np.sin(np.pi * np.arange(envmap.height + 1) / envmap.height).astype(np.float32))
+    region = memory.empty(device, (count, 4), np.uint32)
+    event = device.kernel("lighting/median_cut")(
+        device.queue,
+        (count,),
+        device.one_by_one(),
+        table.buffer,
+        lit.buffer,
+        edge_sine.buffer,
+        np.uint32(envmap.width),
+        np.uint32(envmap.height),
+        np.uint32(count),
+        region.buffer,
+    )
+    device.profile.record("median cut", event)
+    return memory.download(device, region).astype(np.int64)
+
+
+def _table(distribution: Distribution, count: int) -> tuple[DeviceArray, DeviceArray, int]:
+    """Summed-area tables of capped energy and of lit pixels, and ``count`` or the lit pixels if they are fewer."""
+    device, envmap = distribution.device, distribution.envmap
+    height, width = envmap.height, envmap.width
+    sin_theta = memory.upload(device, np.sin(row_angles(height)).astype(np.float32))
+    energy = memory.empty(device, (height, width), np.uint64)
+    lit = memory.empty(device, (height, width), np.uint32)
+    row = memory.empty(device, (height, 3), np.uint64)
+    exponent = 62 - math.frexp(distribution.total)[1]
+    quantum = np.array([2.0 ** (exponent // 2), 2.0 ** (exponent - exponent // 2)], np.float32)
+
+    def sum_rows(cap: int) -> list[int]:
+        event = device.kernel("lighting/row_sums")(
+            device.queue,
+            (height,),
+            (1,),
+            distribution.radiance.buffer,
+            sin_theta.buffer,
+            np.uint32(width),
+            np.float32(distribution.scale),
+            quantum,
+            np.uint64(cap),
+            energy.buffer,
+            lit.buffer,
+            row.buffer,
+        )
+        device.profile.record("row sums", event)
+        return [int(n) for n in memory.download(device, row).sum(axis=0)]
+
+    # The cap is the share of each light: N cap = sum of min(q, cap). Newton's method on that line of pieces
+    # comes down to it from above in a few steps.
+    total, _, lit_pixels = sum_rows(UNCAPPED)
+    count = min(count, lit_pixels)
+    cap = total // count
+    while True:
+        below, heavy, _ = sum_rows(cap)
+        if heavy == 0 or heavy >= count:
+            break
+        lower = max(1, below // (count - heavy))
+        if lower >= cap:
+            break
+        cap = lower
+
+    columns = 1 if device.is_gpu else 16
+    event = device.kernel("lighting/column_sums", COLUMNS=columns)(
+        device.queue,
+        (-(-width // columns),),
+        device.one_by_one(),
+        np.uint32(width),
+        np.uint32(height),
+        energy.buffer,
+        lit.buffer,
+    )
+    device.profile.record("column sums", event)
+    return energy, lit, count

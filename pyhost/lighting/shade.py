@@ -1,0 +1,182 @@
+"""The diffuse unit sphere, seen by an orthographic camera along omega_o = (0, 0, 1), under directional lights.
+
+Pixel (i, j) of an R x R image has n_x = (2i + 1 - R) / R, n_y = (R - 2j - 1) / R and
+n_z = sqrt(1 - n_x^2 - n_y^2); image x to the right is +x, image y upward is +y. The surface is
+convex, so visibility is 1 and no ray is traced. Kernels: ``shade_tiles.cl`` with ``light_groups.cl`` on a CPU,
+``shade.cl`` on a GPU.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .. import checks
+from ..disc import check_resolution, disc_tiles, note_tiles
+from ..float_range import LARGEST, light_exponent, to_float32
+from ..maps.envmap import EnvironmentMap
+from ..maps.geometry import solid_angles
+from ..opencl import memory
+from ..opencl.device import Device
+from ..opencl.memory import DeviceArray
+from ..progress import Progress
+from ..sampling.samples import Samples
+from .exact import exact
+
+LANES = 16  # pixels across a tile, and lights in a vector, see clkernels/shade_tiles.cl
+TILE_ROWS = 16
+PAIRS_A_LAUNCH = 2**33  # pixels x lights between two updates of the progress line
+SAMPLES_A_ROW = 320  # of a map, from which on an image of the map is made sooner than one of the samples
+
+
+def shade(
+    device: Device,
+    direction: np.ndarray,
+    flux: np.ndarray,
+    resolution: int = 511,
+    albedo: float = 1.0,
+    brute_force: bool = False,
+) -> np.ndarray:
+    """Light the sphere with N directional lights: the image is (R, R, 3) float32, radiance.
+
+    - ``direction``: (N, 3) unit vectors towards the lights
+    - ``flux``: (N, 3) what each stands for, radiance x steradian
+    - ``brute_force``: evaluate every pair of pixel and light: for comparison, the image is the same
+
+    A pixel is albedo / pi times the sum of flux max(0, n . direction); outside the disc it is 0. What exceeds
+    float32's largest number becomes that number.
+    Raises :class:`LightdomeError` for a resolution outside 1 to 16384, an albedo that is negative or not finite,
+    directions that are no unit vectors, and fluxes that are negative or not finite.
+    """
+    checks.instance("the device", device, Device)
+    resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
+    brute_force = checks.flag("brute_force", brute_force)
+    return _shade(device, *checks.lights(direction, flux), resolution, albedo, brute_force)
+
+
+def _shade(
+    device: Device,
+    direction: np.ndarray,
+    flux: np.ndarray,
+    resolution: int,
+    albedo: float,
+    brute_force: bool = False,
+) -> np.ndarray:
+    if len(direction) == 0:
+        return np.zeros((resolution, resolution, 3), np.float32)
+    reflected = flux * (albedo / np.pi)
+    exponent = light_exponent(reflected.sum(axis=0).max())
+    if exponent:
+        reflected = np.ldexp(reflected, -exponent)
+    defines = {}
+    if (reflected[:, 1:] == reflected[:, :1]).all():
+        reflected = reflected[:, :1]
+        device.decisions.skip("separate channels", "the lights are grey")
+        defines["GREY"] = 1
+    else:
+        device.decisions.use("separate channels", "the lights are in colour")
+    light = np.concatenate([direction, reflected], axis=1, dtype=np.float32, casting="same_kind")
+    # One place decides: a CPU skips pairs of pixel and light tile by tile, a GPU has a pixel a work-item.
+    if brute_force or device.is_gpu:
+        pixels, rows = device.vector_width, 1
+        kernel = device.kernel("lighting/shade", PIXELS=pixels, ROWS=rows, **defines)
+        lights = (memory.upload(device, light), np.uint32(len(light)))
+        why = "it was asked for" if brute_force else "a GPU has a pixel a work-item"
+        device.decisions.use("brute force over pairs of pixel and light", why)
+    else:
+        pixels, rows = LANES, TILE_ROWS
+        kernel = device.kernel("lighting/shade_tiles", ROWS=rows, **defines)
+        lights = _grouped(device, light, defines)
+        why = "lights far from a tile's horizon are one matrix, or light nothing there"
+        device.decisions.skip("brute force over pairs of pixel and light", why)
+    arguments = tuple(a.buffer if isinstance(a, DeviceArray) else a for a in lights)
+    tiles = disc_tiles(resolution, pixels, rows)
+    note_tiles(device.decisions, tiles, resolution, pixels, rows)
+    image = memory.zeros(device, (resolution, resolution, 3), np.float32)
+    tile_buffer = memory.upload(device, tiles)
+
+    step = device.items_a_launch(PAIRS_A_LAUNCH, len(light) * pixels * rows)
+    with Progress("shading the sphere") as progress:
+        for begin in range(0, len(tiles), step):
+            count = min(step, len(tiles) - begin)
+            event = kernel(
+                device.queue,
+                (count,),
+                None if pixels == 1 else (1,),
+                tile_buffer.buffer,
+                *arguments,
+                np.int32(resolution),
+                image.buffer,
+                global_offset=(begin,),
+            )
+            device.profile.record("shade", event)
+            if step < len(tiles):
+                event.wait()
+                progress.update((begin + count) / len(tiles))
+    result = memory.download(device, image)
+    return to_float32(result, exponent) if exponent else result
+
+
+def _grouped(device: Device, light: np.ndarray, defines: dict[str, int]) -> tuple[DeviceArray | np.uint32, ...]:
+    """Lights (N, 6), grey ones (N, 4), as ``shade_tiles.cl`` takes them: sorted, with groups' bounds and matrices."""
+    order = np.argsort(_places(light[:, :3]), kind="stable")  # the same image from every numpy
+    count = -(-len(light) // LANES) * LANES
+    rows = np.zeros((light.shape[1], count), np.float32)
+    rows[:, : len(light)] = light[order].T
+    rows[:3, len(light) :] = light[order[-1], :3, None]  # no light, but where the last one is
+    lights = memory.upload(device, rows)
+    bounds = memory.empty(device, (count // LANES, 4), np.float32)
+    groups = memory.empty(device, (count // LANES, 16), np.float32)
+    event = device.kernel("lighting/light_groups", **defines)(
+        device.queue,
+        (count // LANES,),
+        device.one_by_one(),
+        lights.buffer,
+        np.uint32(count),
+        bounds.buffer,
+        groups.buffer,
+    )
+    device.profile.record("light groups", event)
+    return lights, np.uint32(count), bounds, groups
+
+
+def _places(direction: np.ndarray) -> np.ndarray:
+    """Keys (N,) that sort directions (N, 3) along a curve through an octahedral map: neighbours stay together."""
+    flat = direction / np.abs(direction).sum(axis=1, keepdims=True)
+    x, y, up = flat[:, 0], flat[:, 2], flat[:, 1]
+    folded = up < 0
+    x, y = (
+        np.where(folded, (1 - np.abs(y)) * np.copysign(1, x), x),
+        np.where(folded, (1 - np.abs(x)) * np.copysign(1, y), y),
+    )
+    key = np.zeros(len(direction), np.uint32)
+    for shift, axis in ((0, x), (1, y)):
+        bits = ((axis + 1) * 511.5).astype(np.uint32)
+        for step, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
+            bits = (bits | bits << np.uint32(step)) & np.uint32(mask)
+        key |= bits << np.uint32(shift)
+    return key
+
+
+def shade_samples(device: Device, samples: Samples, resolution: int = 511, albedo: float = 1.0) -> np.ndarray:
+    """Light the sphere with one set of samples for all pixels: unbiased, its error the same everywhere.
+
+    Beyond some hundred samples a row of the map most share a pixel with others: then they are summed on a map, and
+    the image is that map's, as :func:`exact` makes it. See :func:`shade` for the image and the errors raised.
+    """
+    checks.instance("the device", device, Device)
+    checks.instance("samples", samples, Samples)
+    resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
+    height, width = samples.map_shape
+    a_light_each, why = "a light for each sample", f"there are fewer than {SAMPLES_A_ROW} per row of the map"
+    if len(samples) >= SAMPLES_A_ROW * height:
+        index = samples.pixel[:, 1].astype(np.int64) * width + samples.pixel[:, 0]
+        flux = np.stack([np.bincount(index, of_channel, height * width) for of_channel in samples.flux.T], axis=1)
+        radiance = flux.reshape(height, width, 3) / solid_angles(height, width)[:, None, None]
+        if radiance.max() <= LARGEST:
+            device.decisions.skip(a_light_each, "samples that share a pixel are summed on a map")
+            radiance = radiance.astype(np.float32)
+            envmap = checks.made(EnvironmentMap, radiance=radiance, peak=float(radiance.max()), replaced=None, notes=())
+            return exact(device, envmap, resolution, albedo)
+        why = "their sums on a map would leave float32's range"
+    device.decisions.use(a_light_each, why)
+    return _shade(device, samples.direction, samples.flux, resolution, albedo)

@@ -1,0 +1,221 @@
+"""A latitude-longitude environment map, checked, and the geometry of its pixels.
+
+Row 0 is the top. Pixel centres lie at theta = pi (y + 1/2) / H and phi = 2 pi (x + 1/2) / W; their
+directions are (sin theta cos phi, cos theta, sin theta sin phi), so +y is up.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from .. import checks
+from ..errors import LightdomeError
+from ..float_range import LARGEST, LARGEST_HALF
+from .geometry import row_angles
+from .images import ImageRows, read_image
+
+SANITIZE = ("black", "clamp")
+
+
+@dataclass(frozen=True)
+class Replaced:
+    """What ``sanitize`` put in the place of bad values, and what that does to the light.
+
+    ``pixels`` had one bad value or more: ``nan`` of them NaN, ``infinite`` an infinite one, ``negative`` a negative
+    one, which may be minus infinity. Infinities became ``infinity``, all others 0. These pixels now carry
+    ``flux_share`` of the map's flux, 0 to 1.
+    """
+
+    pixels: int
+    nan: int
+    infinite: int
+    negative: int
+    infinity: float
+    flux_share: float
+
+    @property
+    def note(self) -> str:
+        """All of it in a line."""
+        kinds = {"NaN by 0": self.nan, f"infinite by {self.infinity:g}": self.infinite, "negative by 0": self.negative}
+        said = ", ".join(f"{n} {kind}" for kind, n in kinds.items() if n)
+        plural = "s were" if self.pixels > 1 else " was"
+        verb = "carry" if self.pixels > 1 else "carries"
+        return (
+            f"note: {self.pixels} bad pixel{plural} replaced ({said}) and now {verb} {100 * self.flux_share:.3g} %"
+            " of the map's flux"
+        )
+
+
+@dataclass(frozen=True)
+class EnvironmentMap:
+    """Radiance by direction: ``radiance`` is (H, W, 3) float32, finite, 0 or above, and read-only.
+
+    ``EnvironmentMap(radiance)`` copies and checks what it is given and raises :class:`LightdomeError` that
+    counts the bad pixels and names the first. With ``sanitize`` they are replaced instead, and ``replaced`` says how:
+    ``"black"``, or True, makes each bad value 0; ``"clamp"`` makes infinite ones the largest finite value of the
+    array's type, 65504 for half floats, and others 0. ``notes`` are remarks on the file that :meth:`read` read: the
+    layer it took, a factor in the header that it divided out, ...
+    """
+
+    radiance: np.ndarray
+    peak: float
+    replaced: Replaced | None
+    notes: tuple[str, ...]
+
+    def __init__(self, radiance: np.ndarray, *, sanitize: bool | str = False, name: str = "the map") -> None:
+        inspection = Inspection(sanitize, largest_of(radiance))
+        self._take(checks.array(name, radiance, ("H", "W", 3), np.float32, own=True), inspection, name)
+
+    @classmethod
+    def read(
+        cls, path: str | Path, *, sanitize: bool | str = False, layer: str | None = None, flip: bool = False
+    ) -> EnvironmentMap:
+        """Read a PFM, EXR or Radiance HDR file; ``sanitize`` as for the class, but the type is the file's.
+
+        Of an EXR file ``layer`` is that of :func:`read_image`.
+
+        With ``flip`` the file's rows are taken in reverse, as where it was written upside down. Raises
+        :class:`LightdomeError` where the file cannot be read or holds bad pixels.
+        """
+        inspection = Inspection(sanitize)
+        rows = ImageRows(path, layer=layer)
+        if inspection.sanitize == "clamp":
+            inspection.infinity = rows.largest
+        result = object.__new__(cls)
+        # Nobody else has what was read: it is not copied.
+        result._take(read_image(path, layer, flip), inspection, str(path), rows.notes)
+        return result
+
+    def _take(self, radiance: np.ndarray, inspection: Inspection, name: str, notes: tuple[str, ...] = ()) -> None:
+        if 0 in radiance.shape:
+            raise LightdomeError(f"{name} must have shape (H, W, 3) and at least one pixel, got shape {radiance.shape}")
+        radiance = inspection.mended(radiance)
+        inspection.refuse_bad_pixels(name)
+        radiance.flags.writeable = False
+        replaced = None
+        if inspection.found:
+            rows = radiance.sum(axis=(1, 2), dtype=np.float64)
+            replaced = inspection.replaced(len(radiance), float(rows @ np.sin(row_angles(len(radiance)))))
+        fields = {"radiance": radiance, "peak": inspection.peak, "replaced": replaced, "notes": notes}
+        for field, value in fields.items():
+            object.__setattr__(self, field, value)
+
+    @cached_property
+    def is_grey(self) -> bool:
+        """Whether the three channels are the same everywhere."""
+        red, green, blue = np.moveaxis(self.radiance, 2, 0)
+        return np.array_equal(red[0], green[0]) and np.array_equal(red, green) and np.array_equal(red, blue)
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+        return self.radiance.shape[0]
+
+    @property
+    def width(self) -> int:
+        """Columns."""
+        return self.radiance.shape[1]
+
+    @property
+    def shape_note(self) -> str | None:
+        """A remark on a map that is not twice as wide as high, which is allowed; else None."""
+        return shape_note(self.height, self.width)
+
+
+def shape_note(height: int, width: int) -> str | None:
+    """A remark on a map that is not twice as wide as high, which is allowed; else None."""
+    if width == 2 * height:
+        return None
+    return f"note: the map is {width} x {height}, not 2:1; it is stretched over the whole sphere of directions"
+
+
+def largest_of(array: object) -> float:
+    """The largest finite radiance that an array's type holds: of half floats 65504, else float32's."""
+    return LARGEST_HALF if getattr(array, "dtype", None) == np.float16 else LARGEST
+
+
+class Inspection:
+    """What a map's values are, looked at row after row, in any order.
+
+    - ``sanitize``: None, ``"black"`` or ``"clamp"``
+    - ``infinity``: what an infinite value becomes
+    - ``peak``: the largest value that is neither infinite nor NaN, 0 if there is none above
+
+    Raises :class:`LightdomeError` for another way to ``sanitize``.
+    """
+
+    def __init__(self, sanitize: bool | str | None = None, largest: float = LARGEST) -> None:
+        if sanitize is None or isinstance(sanitize, bool | np.bool_):
+            sanitize = "black" if sanitize else None
+        elif not (isinstance(sanitize, str) and sanitize in SANITIZE):
+            names = " or ".join(map(repr, SANITIZE))
+            raise LightdomeError(f"sanitize must be False, {names}, got {checks.told(sanitize)}")
+        self.sanitize = sanitize
+        self.infinity = largest if sanitize == "clamp" else 0.0
+        self.peak = 0.0
+        self.found = 0  # bad pixels
+        self._kinds: Counter[str] = Counter()
+        self._first: tuple[int, int, np.ndarray] | None = None  # y, x, and its value
+        self._light: dict[int, float] = {}  # R + G + B of replaced pixels, by row
+
+    def mended(self, radiance: np.ndarray, first_row: int = 0) -> np.ndarray:
+        """Look at rows ``first_row`` and following, (n, W, 3); the same, or a copy without bad values."""
+        # A NaN makes both extremes NaN, so two passes without temporaries see every bad value.
+        lowest, peak = float(radiance.min()), float(radiance.max())
+        if not (lowest >= 0 and peak < np.inf):
+            bad = self._count(radiance, first_row)
+            infinite = radiance == np.inf
+            radiance = np.where((radiance >= 0) & ~infinite, radiance, np.float32(0))
+            radiance[infinite] = self.infinity
+            peak = float(radiance.max())
+            y, x = np.nonzero(bad)
+            light = np.bincount(y, radiance[y, x].sum(axis=1, dtype=np.float64), len(radiance))
+            self._light.update({first_row + int(row): float(light[row]) for row in np.unique(y)})
+        self.peak = max(self.peak, peak)
+        return radiance
+
+    def _count(self, radiance: np.ndarray, first_row: int) -> np.ndarray:
+        kinds = {
+            "NaN": np.isnan(radiance).any(axis=2),
+            "infinite": (radiance == np.inf).any(axis=2),
+            "negative": (radiance < 0).any(axis=2),
+        }
+        pixels = np.logical_or.reduce(list(kinds.values()))
+        self.found += int(pixels.sum())
+        self._kinds.update({kind: int(found.sum()) for kind, found in kinds.items()})
+        y, x = (int(i) for i in np.argwhere(pixels)[0])
+        if self._first is None or first_row + y < self._first[0]:
+            self._first = first_row + y, x, radiance[y, x].copy()
+        return pixels
+
+    def refuse_bad_pixels(self, name: str) -> None:
+        """Raise :class:`LightdomeError` for those that are not to be replaced, with their count and the first."""
+        if self._first is None or self.sanitize:
+            return
+        kinds = ", ".join(f"{n} {kind}" for kind, n in self._kinds.items() if n)
+        y, x, (r, g, b) = self._first
+        clamp = ", or infinite ones by the largest value with --sanitize clamp" if self._kinds["infinite"] else ""
+        raise LightdomeError(
+            f"{name}: {self.found} bad pixel{'s' if self.found > 1 else ''} ({kinds}), the first at x = {x}, y = {y}:"
+            f" ({r:g}, {g:g}, {b:g}); mend the map, or replace them by black with --sanitize{clamp}"
+        )
+
+    def replaced(self, height: int, total: float) -> Replaced | None:
+        """What was replaced in a map of ``height`` rows whose sum of (R + G + B) sin(theta) is ``total`` now."""
+        if not self.found:
+            return None
+        sine = np.sin(row_angles(height))
+        light = sum(light * sine[row] for row, light in self._light.items())
+        return Replaced(
+            pixels=self.found,
+            nan=self._kinds["NaN"],
+            infinite=self._kinds["infinite"],
+            negative=self._kinds["negative"],
+            infinity=self.infinity,
+            flux_share=min(1.0, float(light / total)) if total > 0 else 0.0,
+        )

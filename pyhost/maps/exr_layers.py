@@ -1,0 +1,219 @@
+"""Which of an OpenEXR file's channels are the map: by their names, over all parts, never by their place.
+
+A channel's name is its layer's, a dot and its own (``diffuse.R``); without a dot it belongs to the default layer. The
+map is, in this order:
+
+1. R, G and B of the default layer, or its Y, RY and BY, which are luminance and chroma
+2. Y of the default layer, as grey
+3. the only other layer with R, G and B (or Y, RY and BY)
+4. the only other layer with Y
+
+With several parts, each has a default layer, which goes by the part's name. Where several layers are left, the one
+called ``Combined``, ``rgba``, ``beauty`` or the like is taken. Three kinds are never taken unasked: layers whose names
+say that they hold no light (depth, albedo, normals, ambient occlusion, ...), other views than the first of
+``multiView``, and deep parts. What is still not unique is refused.
+
+R, G and B may be in lower case, or ``red``, ``green``, ``blue``. X, Y and Z are no colour, and neither are two of R, G
+and B: a file that lost a channel is more likely than one made so.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import LightdomeError, one_line, quoted
+
+LISTED_CHANNELS, LISTED_CHARACTERS = 8, 240
+RGB = ("R", "G", "B")
+RGB_IN_ANY_CASE = (("r", "g", "b"), ("red", "green", "blue"))
+CHROMA = ("y", "ry", "by")
+MAIN = re.compile("combined|rgba?|beauty|colou?r|ci?|main|master|default|image|final|composite", re.IGNORECASE)
+NO_LIGHT = re.compile(
+    "("
+    "(z|w)?depth|z|pz|deepz|z?buffer|distance|coc|height|displacement|bump|cavity|curvature"
+    "|(ss|hb|gt)?ao|amb(ient)?occ|(ambient)?occlusion|shadow|a(lpha)?|opacity|masks?|mattes?"
+    "|albedo|(diff|gloss|trans|subsurface)col|(diffuse|glossy|transmission|subsurface|base|vertex)colou?r|filter"
+    "|roughness|metal(lic|ness)?|fresnel|facing|dotproduct|heat|wireframe|debug|variance|sample(s|r|count|rate|info)?"
+    "|normals?|nrm|n[gs]?|[pn]ref|(bi|bitan)?tangents?|binormals?|pos(ition)?|p(world)?|uvs?|st|tex(ture)?coords?"
+    "|(motion)?vectors?|motion|velocity|speed|mist"
+    "|(object|material)?ids?|index(ob|ma)|crypto(matte|object|material|asset)?"
+    ")(map|pass)?",
+    re.IGNORECASE,
+)
+
+
+@dataclass(frozen=True)
+class Part:
+    """What of a part's header decides: ``views`` is ``multiView``, ``view`` the part's own."""
+
+    name: str
+    channels: Sequence[str]
+    view: str = ""
+    views: Sequence[str] = ()
+    deep: bool = False
+
+
+@dataclass(frozen=True)
+class Layer:
+    """The channels of one layer in one part, and what their names say.
+
+    - ``label``: its name in full, which no other layer has
+    - ``channels``: their places in the part, by their own names
+    - ``colour``: the places of R, G and B, or of Y, RY and BY if ``is_chroma``; ``grey``: of Y. Empty if it has none
+    - ``short_name``: without the names round it and without its view
+    """
+
+    part: int
+    label: str
+    names: tuple[str, ...]
+    short_name: str
+    channels: Mapping[str, int]
+    colour: tuple[int, ...]
+    is_chroma: bool
+    grey: tuple[int, ...]
+    is_default: bool
+    is_other_view: bool
+    has_no_light: bool
+    is_deep: bool
+
+    @property
+    def is_main(self) -> bool:
+        """Whether it has a name that the picture itself goes by."""
+        return bool(MAIN.fullmatch(self.short_name))
+
+
+def choose_layer(path: Path, parts: Sequence[Part], wanted: str | None) -> Layer:
+    """The layer of a file that is the map, or that ``wanted`` names.
+
+    Raises :class:`LightdomeError` that lists what there is.
+    """
+    layers = find_layers(parts)
+    if wanted is None:
+        candidates = [layer for layer in layers if not (layer.has_no_light or layer.is_other_view)]
+    else:
+        candidates = _named(layers, wanted)
+        if not candidates:
+            raise LightdomeError(f"{path}: there is no layer {quoted(wanted)}; {_listed(layers)}")
+    found = _by_the_rule([layer for layer in candidates if not layer.is_deep], len(parts) > 1)
+    if len(found) == 1:
+        return found[0]
+    if found:
+        labels = _joined([quoted(layer.label) for layer in found])
+        raise LightdomeError(f"{path}: {len(found)} layers could be the map: {labels}; choose one with --layer NAME")
+    if any(layer.is_deep for layer in candidates):
+        raise LightdomeError(f"{path} is a deep image, which is no environment map; flatten it")
+    where = "it" if wanted is None else f"its layer {quoted(wanted)}"
+    usable = any((layer.colour or layer.grey) and not layer.is_deep for layer in layers)
+    advice = "; choose a layer with --layer NAME" if usable else ""
+    raise LightdomeError(f"{path}: {where} has no R, G and B, nor Y, that could be the map; {_listed(layers)}{advice}")
+
+
+def _by_the_rule(layers: Sequence[Layer], several_parts: bool) -> list[Layer]:
+    """The map, or all layers that it could be, or none."""
+    main = [layer for layer in layers if layer.is_main and layer.colour and not layer.is_default]
+    for is_default in (True, False):
+        for places in ("colour", "grey"):
+            found = [layer for layer in layers if layer.is_default == is_default and getattr(layer, places)]
+            if found and is_default and several_parts:
+                found += main  # the default layer of a part "diffuse" is no more the map than a layer "beauty"
+            best = [layer for layer in found if not layer.short_name] or [layer for layer in found if layer.is_main]
+            if found:
+                return best if len(best) == 1 else found
+    return []
+
+
+def find_layers(parts: Sequence[Part]) -> list[Layer]:
+    """All layers of all parts, in the order of the file."""
+    views = next((part.views for part in parts if part.views), ())
+    grouped = [(number, *group) for number, part in enumerate(parts) for group in _grouped(part).items()]
+    labels = [_label(parts[number].name if len(parts) > 1 else "", name) for number, name, _ in grouped]
+    how_many = Counter(labels)
+    result = []
+    for (number, name, channels), label in zip(grouped, labels, strict=True):
+        part = parts[number]
+        known_views = {*views, part.view} - {""}
+        inner, view = _without_view(name, known_views)
+        outer, _ = _without_view(part.name if len(parts) > 1 else "", known_views)
+        lower: dict[str, int] = {}
+        for own, place in channels.items():
+            lower.setdefault(own.lower(), place)
+        colours = [(channels, RGB), *((lower, names) for names in (*RGB_IN_ANY_CASE, CHROMA))]
+        colour = next((tuple(map(of.get, names)) for of, names in colours if of.keys() >= set(names)), ())
+        is_grey = "y" in lower and not {"x", "ry", "by"} & lower.keys()
+        result.append(
+            Layer(
+                part=number,
+                label=label if how_many[label] == 1 else f"{label}#{number + 1}",
+                names=(name, part.name),
+                short_name=(inner or outer or [""])[-1],
+                channels=channels,
+                colour=colour,
+                is_chroma=bool(colour) and colour == tuple(lower.get(n) for n in CHROMA),
+                grey=(lower["y"],) if is_grey else (),
+                is_default=not inner,
+                is_other_view=bool(views) and (part.view or view or views[0]) != views[0],
+                has_no_light=any(_means_no_light(names[-1]) for names in (inner, outer) if names),
+                is_deep=part.deep,
+            )
+        )
+    return result
+
+
+def _grouped(part: Part) -> dict[str, dict[str, int]]:
+    """By layers, the places of their channels by their own names."""
+    result: dict[str, dict[str, int]] = {}
+    for place, channel in enumerate(part.channels):
+        layer, _, own = channel.rpartition(".")
+        result.setdefault(layer, {}).setdefault(own, place)
+    return result
+
+
+def _label(part: str, layer: str) -> str:
+    return f"{part}.{layer}" if part and layer and part != layer else part or layer
+
+
+def _without_view(name: str, views: set[str]) -> tuple[list[str], str]:
+    """The names, outer first, that a layer's or a part's full name is made of, and the view that it ends with."""
+    names = [word for word in name.split(".") if word]
+    view = names.pop() if names and names[-1] in views else ""
+    return names, view
+
+
+def _means_no_light(name: str) -> bool:
+    words = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)
+    # Letters alone mean something only where they are the whole name: "key A" is no alpha, nor is "a1".
+    words = [word for word in (*words, "".join(words)) if len(word) > 1] or [name]
+    return any(NO_LIGHT.fullmatch(word) for word in words)
+
+
+def _named(layers: Sequence[Layer], wanted: str) -> list[Layer]:
+    """The layers that ``wanted`` may mean: by the label, by the layer's or the part's name, by the last part of it."""
+    ways = (
+        lambda layer: layer.label == wanted,
+        lambda layer: wanted in layer.names,
+        lambda layer: wanted.lower() in (name.lower() for name in (layer.label, *layer.names)),
+        lambda layer: wanted.lower() == layer.short_name.lower(),
+    )
+    return next((found for way in ways if (found := [layer for layer in layers if way(layer)])), [])
+
+
+def _listed(layers: Sequence[Layer]) -> str:
+    entries = []
+    for layer in layers:
+        channels = ", ".join(list(layer.channels)[:LISTED_CHANNELS])
+        channels += ", ..." if len(layer.channels) > LISTED_CHANNELS else ""
+        entries.append(one_line(f"{layer.label} ({channels})" if layer.label else channels))
+    return f"there is {_joined(entries)}"
+
+
+def _joined(entries: Sequence[str]) -> str:
+    """As many as a message has room for."""
+    shown = list(entries[:LISTED_CHARACTERS])
+    while len("; ".join(shown)) > LISTED_CHARACTERS and len(shown) > 1:
+        del shown[-1]
+    more = f"; and {len(entries) - len(shown)} more" if len(shown) < len(entries) else ""
+    return "; ".join(shown) + more

@@ -1,0 +1,257 @@
+"""Read and write images; tone-map radiance for the eye.
+
+Arrays are (H, W, 3) with row 0 at the top, whatever the file's own order of rows. What is read and what is refused is
+told where it is done: :mod:`lightdome.maps.exr` with :mod:`lightdome.maps.exr_layers`,
+:mod:`lightdome.maps.radiance_hdr` and :mod:`lightdome.maps.pfm`. In short:
+
+- EXR: R, G, B of the default layer, else its Y as grey, else the only colour layer over all parts, or the layer that
+  the caller names; half, float and UINT; luminance-chroma at full resolution. Depth, alpha or albedo is never light.
+- HDR: RGBE in all eight orientations, scan lines packed, plain or with old-style run lengths; ``EXPOSURE`` and
+  ``COLORCORR`` are divided out; XYZE is refused.
+- PFM: ``PF``, ``Pf`` (grey) and ``PF4`` (its fourth channel is left out), of both orders of bytes, times its scale.
+
+Reading costs memory for what a file holds, whatever its header claims: the values of its three channels at
+4 bytes each, up to three times; :class:`ImageRows` reads so many rows at a time as one likes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+
+from .. import checks
+from ..errors import LightdomeError
+from ..files import cannot_write, replacing, utf8_name
+from ..float_range import LARGEST
+from .exr import open_exr
+from .image_source import ImageSource
+from .oiio_files import reason
+from .pfm import open_pfm
+from .radiance_hdr import open_hdr
+
+READABLE = (".pfm", ".exr", ".hdr")
+LINEAR, DISPLAYED = (".pfm", ".exr"), (".ppm", ".png")  # what is written
+BATCH_VALUES = 3 * 2**22
+
+
+def read_image(path: str | Path, layer: str | None = None, flip: bool = False) -> np.ndarray:
+    """The radiance in a PFM, EXR or Radiance HDR file: (H, W, 3) float32, row 0 at the top.
+
+    ``layer`` names a layer of an EXR file, a part, or both as ``part.layer``. Without it the file must leave no doubt:
+    R, G and B of the default layer, else its Y as grey, else the only colour layer. With ``flip`` the rows come in
+    reverse, for a file that was written upside down. :class:`ImageRows` has the remarks that a file gives rise to, as
+    when its header changes the radiance.
+
+    Raises :class:`LightdomeError` for a file that is missing, truncated, damaged or of another kind, and for one whose
+    colour is not certain, with a list of its layers.
+    """
+    path, layer, flip = checks.path(path), checks.optional_text("layer", layer), checks.flag("flip", flip)
+    with _opened(path, layer) as source:
+        pixels = _upright(source.read(0, source.rows), source.orientation)
+    return np.ascontiguousarray(pixels[::-1] if flip else pixels)
+
+
+class ImageRows:
+    """The rows of a file that :func:`read_image` reads, some at a time: memory for those, not for the image.
+
+    - ``height``, ``width``: of the image
+    - ``batch``: the most rows that :meth:`read` yields at once; by default they take 50 MB, or are those that the
+      file packs together, a row of tiles for one
+    - ``largest``: the largest finite value that its type holds: of half floats 65504, else float32's
+    - ``notes``: remarks for the user: the layer that was taken, a factor in the header that was divided out, ...
+
+    ``layer`` and ``flip`` are those of :func:`read_image`.
+    A file that lies on its side is read whole all the same. Raises :class:`LightdomeError` as :func:`read_image` does.
+    """
+
+    def __init__(
+        self, path: str | Path, batch: int | None = None, layer: str | None = None, flip: bool = False
+    ) -> None:
+        self.path = checks.path(path)
+        self.flip = checks.flag("flip", flip)
+        self._layer = checks.optional_text("layer", layer)
+        with _opened(self.path, self._layer) as source:
+            self._on_its_side = source.orientation >= 5
+            self.height, self.width = (source.rows, source.columns)[:: -1 if self._on_its_side else 1]
+            self.largest = source.largest
+            self.notes = source.notes
+            self._together = source.together
+            fitting = BATCH_VALUES // (source.columns * 3)
+        if batch is not None:
+            checks.whole("a batch", batch, 1, 2**31 - 1)
+        self.batch = batch or max(fitting - fitting % self._together, self._together)
+
+    def read(self, rows: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Yield the radiance of ``rows``, ascending numbers, in batches: their numbers (n,), and (n, W, 3) float32.
+
+        Batches come in the file's order, which may be bottom up. Other rows are not read where the format allows it.
+        Raises :class:`LightdomeError` for numbers that are not those of rows, or do not ascend.
+        """
+        rows = checks.array("rows", rows, ("N",))
+        inside = rows.size == 0 or (rows[0] >= 0 and rows[-1] < self.height and (np.diff(rows.astype(float)) > 0).all())
+        if rows.dtype.kind == "f" or not inside:
+            raise LightdomeError(f"rows must be ascending whole numbers from 0 to {self.height - 1}")
+        last = self.height - 1
+        if not self.flip:
+            return self._read(rows)
+        return ((last - batch[::-1], pixels[::-1]) for batch, pixels in self._read(last - rows[::-1].astype(np.int64)))
+
+    def _read(self, rows: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """The same of the file's own rows, from the top as it says."""
+        if self._on_its_side:
+            image = read_image(self.path, self._layer)
+            for begin in range(0, len(rows), self.batch):
+                batch = rows[begin : begin + self.batch]
+                yield batch, image[batch]
+            return
+        with _opened(self.path, self._layer) as source:
+            bottom_up = source.orientation in (3, 4)
+            in_file = self.height - 1 - rows[::-1] if bottom_up else rows
+            for begin in range(0, len(rows), self.batch):
+                batch = in_file[begin : begin + self.batch]
+                parts = []
+                for first, end in self._spans(batch):
+                    wanted = batch[(batch >= first) & (batch < end)] - first
+                    part = source.read(first, end)
+                    parts.append(part if len(wanted) == end - first else part[wanted])
+                pixels = _upright(parts[0] if len(parts) == 1 else np.concatenate(parts), source.orientation)
+                yield self.height - 1 - batch[::-1] if bottom_up else batch, np.ascontiguousarray(pixels)
+
+    def _spans(self, rows: np.ndarray) -> Iterator[tuple[int, int]]:
+        """Spans of whole packs, first row and end, that hold ``rows``; none is longer than a batch need be."""
+        packs = np.unique(rows // self._together)
+        most = max(1, self.batch // self._together)
+        for run in np.split(packs, np.flatnonzero(np.diff(packs) > 1) + 1):
+            for first in range(run[0], run[-1] + 1, most):
+                end = min(first + most, run[-1] + 1)
+                yield first * self._together, min(end * self._together, self.height)
+
+
+@contextmanager
+def _opened(path: Path, layer: str | None) -> Iterator[ImageSource]:
+    """An open file of a kind that lightdome reads. Raises :class:`LightdomeError` for what is none."""
+    try:
+        path.stat()
+        if not path.is_file():  # a pipe would be waited for
+            raise LightdomeError(f"{path} is a folder or a device, not an image")
+        with path.open("rb") as stream:
+            start = stream.read(4)
+    except OSError as error:
+        raise LightdomeError(f"cannot read {path}: {error.strerror}") from error
+    if path.suffix.lower() not in READABLE:
+        raise LightdomeError(f"{path}: not a map that lightdome reads; give a .pfm, .exr or .hdr file")
+
+    # OpenImageIO would try all of its readers on a file of another kind, whatever its suffix.
+    if start == b"v/1\x01":
+        source = open_exr(path, layer)
+    elif layer is not None and start.startswith((b"PF", b"Pf", b"#?")):
+        raise LightdomeError(f"{path}: only EXR files have layers; leave out --layer")
+    elif start.startswith((b"PF", b"Pf")):
+        source = open_pfm(path)
+    elif start.startswith(b"#?"):
+        source = open_hdr(path)
+    else:
+        raise LightdomeError(f"{path} is damaged or of another kind: it does not begin like a .pfm, .exr or .hdr file")
+    with source as opened:
+        yield opened
+
+
+def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
+    """Undo an orientation, which is numbered as in EXIF."""
+    if orientation >= 5:
+        pixels = pixels.swapaxes(0, 1)
+        orientation = {5: 1, 6: 2, 7: 3, 8: 4}.get(orientation, 1)
+    rows = slice(None, None, -1) if orientation in (3, 4) else slice(None)
+    columns = slice(None, None, -1) if orientation in (2, 3) else slice(None)
+    return pixels[rows, columns]
+
+
+def auto_exposure(radiance: np.ndarray) -> float:
+    """The factor that brings the 95th percentile of the pixels' largest channel to 1.
+
+    Black pixels do not count: a sphere's background must not change its exposure. Nor do infinite ones. 1 for a black
+    image. Raises :class:`LightdomeError` for values that are no numbers.
+    """
+    brightest = _numbers(radiance).max(axis=-1)
+    lit = brightest[(brightest > 0) & (brightest < np.inf)]
+    level = float(np.percentile(lit, 95)) if lit.size else 1.0
+    return min(1.0 / level, 3e38) if level > 0 else 1.0
+
+
+def tone_map(radiance: np.ndarray, exposure: float, gamma: float = 2.2) -> np.ndarray:
+    """8-bit values round(255 (exposure L)^(1/gamma)), clipped; the shape of ``radiance``, uint8.
+
+    Raises :class:`LightdomeError` for NaN, and for an exposure or a gamma that is not finite and above 0.
+    """
+    exposure, gamma = checks.positive("the exposure", exposure), checks.positive("gamma", gamma)
+    radiance = _numbers(radiance)
+    result = np.empty(radiance.shape, np.uint8)
+    rows = max(1, BATCH_VALUES // max(1, radiance[0].size))  # at a time: float64 takes memory
+    with np.errstate(over="ignore"):  # to white
+        for first in range(0, len(radiance), rows):
+            part = slice(first, first + rows)
+            scaled = np.clip(radiance[part].astype(np.float64) * exposure, 0.0, 1.0)
+            result[part] = np.rint(255.0 * scaled ** (1.0 / gamma))
+    return result
+
+
+def _numbers(radiance: np.ndarray) -> np.ndarray:
+    """Radiance in an array of any shape but an empty one, without NaN."""
+    radiance = checks.array("radiance", radiance)
+    if radiance.size == 0 or radiance.ndim == 0:
+        raise LightdomeError(f"radiance must be an array with at least one pixel, got shape {radiance.shape}")
+    if np.isnan(radiance.max()):
+        raise LightdomeError(f"radiance must not hold NaN, got {int(np.isnan(radiance).sum())}; replace it first")
+    return radiance
+
+
+def write_image(path: str | Path, pixels: np.ndarray) -> None:
+    """Write (H, W, 3) pixels, row 0 at the top: radiance, floating point, as .pfm or .exr, uint8 as .ppm or .png.
+
+    Radiance is written as it is, in single precision. The file appears only when it is complete. Raises
+    :class:`LightdomeError` for other types, shapes and suffixes, and where the file cannot be written.
+    """
+    path = checks.path(path)
+    suffix = path.suffix.lower()
+    pixels = checks.array("an image", pixels, ("H", "W", 3))
+    if suffix not in LINEAR + DISPLAYED:
+        raise LightdomeError(f"cannot write {path}: the name of an image must end in {', '.join(LINEAR + DISPLAYED)}")
+    if 0 in pixels.shape:
+        raise LightdomeError(f"cannot write {path}: an image of shape {pixels.shape} has no pixels")
+    if suffix in DISPLAYED and pixels.dtype != np.uint8:
+        raise LightdomeError(
+            f"cannot write {path}: {suffix} holds 8-bit values, got {pixels.dtype}; give radiance to tone_map first,"
+            " or write a .pfm or .exr"
+        )
+    if suffix in LINEAR:
+        if pixels.dtype.kind != "f":
+            raise LightdomeError(
+                f"cannot write {path}: {suffix} holds radiance, floating point, got {pixels.dtype}; write 8-bit values"
+                " as .ppm or .png"
+            )
+        if pixels.dtype.itemsize > 4 and (np.isfinite(pixels) & (np.abs(pixels) > LARGEST)).any():
+            raise LightdomeError(f"cannot write {path}: values must be at most {LARGEST:.3g}; scale them down")
+        pixels = pixels.astype(np.float32, copy=False)
+    height, width, channels = pixels.shape
+    spec = oiio.ImageSpec(width, height, channels, oiio.UINT8 if suffix in DISPLAYED else oiio.FLOAT)
+    if suffix == ".ppm":
+        spec.attribute("pnm:pfmflip", 0)
+        spec.attribute("pnm:binary", 1)
+    with replacing(path) as temporary:
+        if suffix == ".pfm":  # OpenImageIO before 3.2 scrambles those larger than 64 MiB
+            with temporary.open("wb") as stream:
+                stream.write(b"PF\n%d %d\n-1.0000\n" % (width, height))
+                stream.write(np.ascontiguousarray(pixels[::-1], "<f4"))
+            return
+        name = utf8_name(temporary)
+        file = oiio.ImageOutput.create(name)
+        if file is None:
+            raise cannot_write(path, reason(oiio.geterror))
+        done = file.open(name, spec) and file.write_image(np.ascontiguousarray(pixels))
+        done = file.close() and done
+        if not done:
+            raise cannot_write(path, reason(file.geterror))

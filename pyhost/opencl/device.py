@@ -1,0 +1,329 @@
+"""Choose and open an OpenCL device.
+
+A device counts only once it has compiled and run kernels in a child process (:mod:`lightdome.probe`), because a
+broken implementation lists its devices like a sound one. There it is measured, too (:mod:`lightdome.opencl.rates`). The
+fastest is taken, of those that ``--device`` or the environment variable ``PYOPENCL_CTX`` names, or else of all.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import time
+import warnings
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+from ..cache import cache_folder, ensure_room, key_of
+from ..checks import told
+from ..decisions import Decisions
+from ..errors import LightdomeError, one_line
+from ..files import replacing
+from ..interrupts import Unheard
+from ..progress import Progress
+from .profile import Profile
+from .programs import Kernel, Programs, check_process
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # pyopencl tells of optional packages that lightdome never uses
+    import pyopencl as cl
+
+from .rates import Rates
+
+PROBE_SECONDS = 60.0
+FAILURE_SECONDS = 86400.0  # for which a failure is remembered where another device works
+FASTER = "apt-get install pocl-opencl-icd, or see Devices in the README"
+
+
+@dataclass(frozen=True)
+class Device:
+    """An open OpenCL device: its context and queue, its kernels, and what its stages cost.
+
+    ``vector_width`` is the number of pixels that a work-item handles at once: 16 on a CPU, where
+    explicit vectors are what fills the machine, 1 on a GPU.
+    """
+
+    handle: cl.Device
+    context: cl.Context
+    queue: cl.CommandQueue
+    programs: Programs
+    rates: Rates
+    profile: Profile = field(default_factory=Profile)
+    decisions: Decisions = field(default_factory=Decisions)
+
+    @property
+    def description(self) -> str:
+        """The device's and its implementation's name, for people."""
+        return _description(self.handle)
+
+    @property
+    def note(self) -> str | None:
+        """A remark on a device that is slow for its machine, and what helps; else None."""
+        return _slow(self.rates)
+
+    @property
+    def is_gpu(self) -> bool:
+        """Whether the device is a GPU."""
+        return bool(self.handle.type & cl.device_type.GPU)
+
+    @property
+    def vector_width(self) -> int:
+        """Pixels a work-item handles at once."""
+        return 1 if self.is_gpu else 16
+
+    @cached_property
+    def shares_host_memory(self) -> bool:
+        """Whether kernels can work on the host's memory in place."""
+        return bool(self.handle.type & cl.device_type.CPU)
+
+    def one_by_one(self, dimensions: int = 1) -> tuple[int, ...] | None:
+        """The local size for work-items that have much to do: one a group on a CPU, a GPU's driver chooses.
+
+        Left to choose, PoCL takes another local size for nearly every global one, and compiles the kernel for each.
+        """
+        return None if self.is_gpu else (1,) * dimensions
+
+    def items_a_launch(self, work: int, work_an_item: int) -> int:
+        """How many work-items make a launch of about ``work``, at least one: longer work takes several launches."""
+        return max(1, work // work_an_item)
+
+    def kernel(self, name: str, **defines: int) -> Kernel:
+        """The kernel ``name`` of the source file ``clkernels/name.cl``, built once per set of ``defines``."""
+        return self.programs.kernel(name, **defines)
+
+
+def open_device(choice: str | None = None) -> Device:
+    """Open the device that ``choice`` names, or the best one that works.
+
+    ``choice`` is ``PLATFORM[:DEVICE]``, each an index or a part of a name in any case, or a part of what
+    :attr:`Device.description` shows; names are those of the platform, the device, their vendors and versions. None
+    takes ``PYOPENCL_CTX`` from the environment, else the best device.
+
+    Raises :class:`LightdomeError` if nothing matches or what matches does not work, and in a process that was
+    forked from one that had looked for devices.
+    """
+    if not (choice is None or isinstance(choice, str)):
+        raise LightdomeError(f"a device must be a text such as '0:0' or 'pocl', got {told(choice)}")
+    ensure_room()
+    asked = choice or os.environ.get("PYOPENCL_CTX")
+    candidates = _candidates()
+    if asked:
+        matching = [c for c in candidates if _matches(asked, c)]
+        if not matching:
+            known = "; ".join(map(_listed, candidates))
+            raise LightdomeError(f"no OpenCL device matches {asked!r}; there is {known or 'none at all'}")
+    else:
+        matching = candidates
+    trials = _tried(matching)
+    best = _fastest(trials)
+    if best:
+        return _open(best)
+    failures = "; ".join(f"{_listed(trial.candidate)}: {trial.failure}" for trial in trials)
+    if asked:
+        raise LightdomeError(
+            f"the OpenCL device {asked!r} does not compile and run kernels ({failures}); choose another with --device"
+        )
+    raise LightdomeError(
+        f"no OpenCL device works here{f' ({failures})' if failures else ''}; run scripts/demo, which sets one up, or:"
+        " apt-get install pocl-opencl-icd"
+    )
+
+
+def survey() -> str:
+    """All devices: first the one that is taken, alone on its line, then why, then a table of what they do.
+
+    Devices that failed are tried again. Raises :class:`LightdomeError` as :func:`open_device` does.
+    """
+    taken = open_device().handle
+    trials = _tried(_candidates(), again=True)
+    asked = os.environ.get("PYOPENCL_CTX")
+    working = sum(trial.rates is not None for trial in trials)
+    why = f"PYOPENCL_CTX={asked} names it" if asked else "the only one" if working == 1 else f"the fastest of {working}"
+    lines = [
+        _description(taken),
+        f"taken (*): {why}",
+        "",
+        f"  {'device':<8}{'multiply-adds':>14}{'copies':>12}{'frame':>10}",
+    ]
+    for trial in trials:
+        candidate, rates = trial.candidate, trial.rates
+        name = f"{'*' if candidate.handle == taken else ' '} {candidate.platform}:{candidate.index}"
+        does = f"  fails: {trial.failure}"
+        if rates:
+            does = (
+                f"{1e-9 * rates.multiply_adds:>10.0f} G/s{1e-9 * rates.copies:>7.0f} GB/s"
+                f"{1e3 * rates.frame_seconds:>7.1f} ms"
+            )
+        lines.append(f"{name:<10}{does}  {_description(candidate.handle)}")
+    for rates in (trial.rates for trial in trials if trial.candidate.handle == taken and trial.rates):
+        lines.append(f"  {'numpy':<8}{1e-9 * rates.numpy:>10.0f} G/s")
+        lines += filter(None, [_slow(rates)])
+    return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    platform: int
+    index: int
+    handle: cl.Device
+
+
+# The process that first looked for devices: it alone has OpenCL's threads, and a forked copy would wait for them.
+_first_process: list[int] = []
+
+
+def _candidates() -> list[_Candidate]:
+    check_process(*_first_process or [os.getpid()])
+    _first_process[:] = [os.getpid()]
+    result = []
+    with Unheard():  # PoCL starts threads here; a linker that they start must not be interrupted, or PoCL aborts
+        try:
+            platforms = cl.get_platforms()
+        except cl.Error:  # the loader's way to say that there are none
+            return []
+        for p, platform in enumerate(platforms):
+            with contextlib.suppress(cl.Error):
+                result += [_Candidate(p, d, handle) for d, handle in enumerate(platform.get_devices())]
+    return result
+
+
+def _matches(asked: str, candidate: _Candidate) -> bool:
+    """Whether ``asked`` is part of a name that is shown of a device, or matches as ``PLATFORM:DEVICE``."""
+    device = candidate.handle
+    platform = device.platform
+    whole = _description(device)
+
+    def one(part: str, index: int, *names: str) -> bool:
+        if part.isascii() and part.isdecimal():
+            return part.lstrip("0") == str(index).lstrip("0")
+        return any(_plain(part) in _plain(name) for name in (*names, whole))
+
+    of_platform = (platform.name, platform.vendor, platform.version)
+    of_device = (device.name, device.vendor, device.version, device.driver_version)
+    first, colon, second = asked.partition(":")
+    if colon and any(
+        _plain(asked) in _plain(name) for name in (*of_platform, *of_device, whole)
+    ):  # a name with a colon
+        return True
+    if " " in asked and _plain(_listed(candidate)).startswith(_plain(asked)):
+        return True
+    if not colon:
+        return one(asked, candidate.platform, *of_platform) or (
+            not asked.isdecimal() and one(asked, candidate.index, *of_device)
+        )
+    return one(first, candidate.platform, *of_platform) and one(second, candidate.index, *of_device)
+
+
+def _listed(candidate: _Candidate) -> str:
+    """The device in a list of devices."""
+    return f"{candidate.platform}:{candidate.index} {_description(candidate.handle)}"
+
+
+def _plain(name: str) -> str:
+    return " ".join(name.casefold().split())
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """What came of trying a device: its rates, or why it fails."""
+
+    candidate: _Candidate
+    rates: Rates | None
+    failure: str = ""
+    is_remembered: bool = False
+
+
+def _fastest(trials: list[_Trial]) -> _Trial | None:
+    return min((t for t in trials if t.rates), key=lambda t: t.rates.frame_seconds, default=None)  # type: ignore[union-attr]
+
+
+def _tried(candidates: list[_Candidate], again: bool = False) -> list[_Trial]:
+    """Every candidate with its rates, from now or from an earlier time.
+
+    Failures of the last day are remembered too, unless nothing works or they are to be tried ``again``.
+    """
+    trials = []
+    with Progress("trying OpenCL devices") as progress:
+        for done, candidate in enumerate(candidates):
+            progress.update(done / len(candidates))
+            trials.append(_remembered(candidate) or _probe(candidate))
+        if again or not _fastest(trials):
+            trials = [_probe(t.candidate) if t.is_remembered and not t.rates else t for t in trials]
+    if _fastest(trials):
+        for trial in trials:
+            if not trial.is_remembered:
+                _remember(trial)
+    return trials
+
+
+def _record(candidate: _Candidate) -> Path:
+    handle = candidate.handle
+    identity = [
+        handle.platform.name,
+        handle.platform.version,
+        handle.name,
+        handle.driver_version,
+        cl.VERSION_TEXT,
+    ]
+    return cache_folder("devices") / f"{key_of(*identity)}.json"
+
+
+def _remembered(candidate: _Candidate) -> _Trial | None:
+    record = _record(candidate)
+    with contextlib.suppress(OSError, ValueError, TypeError, KeyError):
+        known = json.loads(record.read_text(encoding="utf-8"))
+        if "failure" not in known:
+            return _Trial(candidate, Rates.from_json(known["rates"]), is_remembered=True)
+        if 0 <= time.time() - record.stat().st_mtime < FAILURE_SECONDS:
+            return _Trial(candidate, None, one_line(known["failure"]), is_remembered=True)
+    return None
+
+
+def _remember(trial: _Trial) -> None:
+    record = _record(trial.candidate)
+    content = {"rates": trial.rates.to_json()} if trial.rates else {"failure": trial.failure}
+    with contextlib.suppress(OSError, LightdomeError):  # no place for it: the next run probes again
+        record.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(record) as temporary:
+            temporary.write_text(json.dumps(content) + "\n", encoding="utf-8")
+
+
+def _probe(candidate: _Candidate) -> _Trial:
+    command = [sys.executable, "-m", "lightdome.probe", str(candidate.platform), str(candidate.index)]
+    try:
+        child = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=PROBE_SECONDS)
+    except subprocess.TimeoutExpired:
+        return _Trial(candidate, None, f"no answer in {PROBE_SECONDS:.0f} s")
+    with contextlib.suppress(ValueError, TypeError, IndexError):
+        if child.returncode == 0:
+            return _Trial(candidate, Rates.from_json(json.loads(child.stdout.splitlines()[-1])))
+    said = child.stderr.strip().splitlines() or [f"the process ended with {child.returncode}"]
+    return _Trial(candidate, None, one_line(said[-1].removeprefix("probe: ").removeprefix("the device fails: ")))
+
+
+def _slow(rates: Rates) -> str | None:
+    if not rates.is_slow:
+        return None
+    return (
+        f"note: this OpenCL device does {1e-9 * rates.multiply_adds:.0f} G multiply-adds a second, less than a third of"
+        f" numpy's {1e-9 * rates.numpy:.0f} G; for a faster one: {FASTER}"
+    )
+
+
+def _description(handle: cl.Device) -> str:
+    version = handle.platform.version.removeprefix("OpenCL ").strip()
+    return f"{handle.name.strip()}, {handle.platform.name.strip()} ({' '.join(version.split()[1:3]) or version})"
+
+
+def _open(trial: _Trial) -> Device:
+    handle, rates = trial.candidate.handle, trial.rates
+    assert rates is not None
+    with Unheard():  # as above, for implementations that start their threads here
+        context = cl.Context([handle])
+        queue = cl.CommandQueue(context, properties=cl.command_queue_properties.PROFILING_ENABLE)
+    is_cpu = bool(handle.type & cl.device_type.CPU)
+    return Device(handle, context, queue, Programs(context, FUSED=int(rates.is_fused), CPU=int(is_cpu)), rates)

@@ -1,0 +1,121 @@
+"""Move arrays between host and device; in place where the device shares the host's memory."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pyopencl as cl
+
+from ..errors import LightdomeError
+from .device import Device
+
+CACHE_LINE = 64  # bytes
+
+
+@dataclass(frozen=True)
+class DeviceArray:
+    """A numpy array's shape and type, and the OpenCL buffer that holds its values."""
+
+    buffer: cl.Buffer
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    host: np.ndarray | None  # the memory itself, where host and device share it
+
+
+def upload(device: Device, array: np.ndarray, stage: str = "upload") -> DeviceArray:
+    """Make ``array`` readable for kernels. Shared memory is not copied: leave ``array`` unchanged.
+
+    Raises :class:`LightdomeError` if the device has not the room.
+    """
+    array = np.ascontiguousarray(array)
+    flags = cl.mem_flags.READ_ONLY
+    if device.shares_host_memory:
+        device.decisions.skip("copies between host and device", "it works on the host's memory")
+        return DeviceArray(_buffer(device, flags, array.nbytes, array), array.shape, array.dtype, array)
+    device.decisions.use("copies between host and device", "the device has a memory of its own")
+    buffer = _buffer(device, flags, array.nbytes, None)
+    device.profile.record(stage, cl.enqueue_copy(device.queue, buffer, array, is_blocking=False))
+    return DeviceArray(buffer, array.shape, array.dtype, None)
+
+
+def empty(device: Device, shape: int | tuple[int, ...], dtype: type, out: np.ndarray | None = None) -> DeviceArray:
+    """Room for a kernel's result, not initialised; in ``out`` where that is given and host and device share memory.
+
+    Raises :class:`LightdomeError` if there is none, or if ``out`` is not such an array.
+    """
+    shape = (shape,) if isinstance(shape, int) else shape
+    kind = np.dtype(dtype)
+    size = math.prod(shape) * kind.itemsize
+    check_room(device, size)
+    fits = out is None or (out.shape == shape and out.dtype == kind and out.flags.carray)
+    if not fits or (device.shares_host_memory and out is not None and not _is_aligned(out)):
+        raise LightdomeError(
+            f"out must be what an earlier call returned: expected shape {shape} {kind}, got {out.shape} {out.dtype}"
+        )
+    host = None
+    if device.shares_host_memory:
+        host = _aligned(shape, kind) if out is None else out
+    return DeviceArray(_buffer(device, cl.mem_flags.READ_WRITE, size, host), shape, kind, host)
+
+
+def _aligned(shape: tuple[int, ...], kind: np.dtype) -> np.ndarray:
+    """An empty array that begins at a cache line, as vectors of 16 must."""
+    size = math.prod(shape) * kind.itemsize
+    memory = np.empty(size + CACHE_LINE, np.uint8)
+    start = -memory.ctypes.data % CACHE_LINE
+    return memory[start : start + size].view(kind).reshape(shape)
+
+
+def _is_aligned(array: np.ndarray) -> bool:
+    return array.ctypes.data % CACHE_LINE == 0
+
+
+# No index overflows before a buffer is refused here, or by the host. Kernels count columns, rows and lights in 32 bits:
+# 2^32 of them are 48 GiB of map or 96 GiB of lights; samples are fewer than 2^31. Products of counts, as y * width + x
+# or 3 i, are in size_t, but for an image's, in 32 bits: at the largest resolution, 16384, 2 i + 1 is below 2^29.
+def check_room(device: Device, size: int) -> None:
+    """Raise :class:`LightdomeError` if the device can have no array of ``size`` bytes."""
+    room = device.handle.max_mem_alloc_size
+    if size > room:
+        raise LightdomeError(
+            f"the device holds arrays of up to {room >> 20} MiB and this needs {size >> 20} MiB;"
+            " use fewer samples, a smaller map or image, or another --device"
+        )
+
+
+def _buffer(device: Device, flags: int, size: int, host: np.ndarray | None) -> cl.Buffer:
+    device.programs.check_process()
+    check_room(device, size)
+    try:
+        if host is None:
+            return cl.Buffer(device.context, flags, size)
+        return cl.Buffer(device.context, flags | cl.mem_flags.USE_HOST_PTR, hostbuf=host)
+    except cl.Error as error:
+        raise LightdomeError(
+            f"the device has no room for {size >> 20} MiB ({error}); use fewer samples or a smaller map"
+        ) from error
+
+
+def zeros(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceArray:
+    """Room for a kernel's result, all zero."""
+    array = empty(device, shape, dtype)
+    size = math.prod(array.shape) * array.dtype.itemsize
+    device.profile.record("clear", cl.enqueue_fill_buffer(device.queue, array.buffer, np.uint8(0), 0, size))
+    return array
+
+
+def download(device: Device, array: DeviceArray, stage: str = "download") -> np.ndarray:
+    """The values of ``array`` once all kernels before have run; shared memory is not copied."""
+    device.programs.check_process()
+    if array.host is not None:
+        mapped, event = cl.enqueue_map_buffer(
+            device.queue, array.buffer, cl.map_flags.READ, 0, array.shape, array.dtype
+        )
+        device.profile.record(stage, event)
+        mapped.base.release(device.queue)
+        return array.host
+    result = np.empty(array.shape, array.dtype)
+    device.profile.record(stage, cl.enqueue_copy(device.queue, result, array.buffer))
+    return result

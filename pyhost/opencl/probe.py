@@ -1,0 +1,92 @@
+"""Try OpenCL devices, and measure what they do.
+
+A broken OpenCL implementation lists its devices like a sound one, then fails every build or
+aborts the process. So a device counts only after this, in a process that may die:
+
+    python -m lightdome.probe PLATFORM DEVICE
+
+compiles and runs a kernel on the device of these indices, prints its :class:`lightdome.opencl.rates.Rates` as JSON and
+exits
+with 0, or says in one line why it fails and exits with 1. Without indices it tries every device, each in a process of
+its own, and prints which is taken and why, then all of them; it exits with 1 if none works.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from typing import TYPE_CHECKING
+
+from ..cache import ensure_room
+from ..errors import LightdomeError
+
+if TYPE_CHECKING:
+    from .rates import Rates
+
+# With a vector of 16, as lightdome's kernels have: some compilers fail only on those.
+_SOURCE = """
+kernel void probe(global float *a)
+{
+    const size_t i = get_global_id(0);
+    vstore16(vload16(i, a) * 2.0f + 1.0f, i, a);
+}
+"""
+
+
+def main() -> None:
+    """Probe the device that the command line names, or all devices."""
+    parser = argparse.ArgumentParser(
+        prog="python -m lightdome.probe",
+        usage="%(prog)s [-h] [PLATFORM DEVICE]",
+        description="List all OpenCL devices, what they do and which one is taken; or test whether the one at these"
+        " indices runs a kernel, and print its rates as JSON.",
+    )
+    parser.add_argument("platform", type=int, nargs="?", metavar="PLATFORM", help="index of the platform, from 0")
+    parser.add_argument("device", type=int, nargs="?", metavar="DEVICE", help="index of the device in it, from 0")
+    args = parser.parse_args()
+    if args.platform is None:
+        from .device import survey
+
+        print(survey())
+    elif args.device is None:
+        parser.error("expected the index of a device too")
+    else:
+        print(json.dumps(probe(args.platform, args.device).to_json()))
+
+
+def probe(platform: int, device: int) -> Rates:
+    """The rates of the device of these indices.
+
+    Raises :class:`LightdomeError` if it does not compile and run kernels.
+    """
+    # A binary from a better day says nothing about the compiler of today: no cache.
+    os.environ["PYOPENCL_NO_CACHE"] = "1"
+    os.environ["POCL_KERNEL_CACHE"] = "0"
+    ensure_room()
+    import numpy as np
+    import pyopencl as cl
+
+    from .programs import compiler_says
+    from .rates import measure
+
+    try:
+        devices = [found.get_devices() for found in cl.get_platforms()]
+    except cl.Error:  # the loader's way to say that there are none
+        devices = []
+    if not (0 <= platform < len(devices) and 0 <= device < len(devices[platform])):
+        there = ", ".join(f"{p} {d}" for p, of_platform in enumerate(devices) for d in range(len(of_platform)))
+        raise LightdomeError(f"there is no OpenCL device {platform} {device}; the devices are {there or 'none at all'}")
+    values = np.arange(1024, dtype=np.float32)
+    result = np.empty_like(values)
+    try:
+        context = cl.Context([devices[platform][device]])
+        queue = cl.CommandQueue(context)
+        buffer = cl.Buffer(context, cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR, hostbuf=values)
+        cl.Program(context, _SOURCE).build().probe(queue, (values.size // 16,), None, buffer)
+        cl.enqueue_copy(queue, result, buffer)
+        if not np.array_equal(result, values * 2 + 1):
+            raise LightdomeError("the device computed wrong numbers")
+        return measure(context)
+    except cl.Error as error:
+        raise LightdomeError(f"the device fails: {compiler_says(error)}") from error

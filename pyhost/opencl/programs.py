@@ -1,0 +1,135 @@
+"""Build OpenCL programs once per device and options, and fetch each kernel once."""
+
+from __future__ import annotations
+
+import os
+import re
+import warnings
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pyopencl as cl
+
+from ..errors import LightdomeError, one_line
+
+if TYPE_CHECKING:
+    from importlib.abc import Traversable  # in importlib.resources.abc from Python 3.11
+
+_INCLUDE = re.compile(r'^#include ("[^"]+"|<pyopencl-random123/[^>]+>)\n', re.MULTILINE)
+_SAVED = re.compile(r"\(source saved as (.+)\)")
+
+
+def source(name: str) -> str:
+    """The text of ``clkernels/name`` with the headers written in, each once: ours, and Random123 from pyopencl.
+
+    Headers are inlined rather than found by an include path: that works from any folder, also one whose name
+    has spaces, which PoCL's compiler does not find, and keeps the text the only key of the binary cache.
+    """
+    seen: set[Traversable] = set()
+
+    def read(folder: Traversable, file: str) -> str:
+        path = folder.joinpath(*file.split("/"))
+        if path in seen:
+            return ""
+        seen.add(path)
+
+        def header(match: re.Match[str]) -> str:
+            included = match[1][1:-1]
+            return read(folder, included) if match[1][0] == '"' else read(*_random123(included))
+
+        return _INCLUDE.sub(header, path.read_text(encoding="utf-8"))
+
+    return read(resources.files("lightdome.clkernels"), name)
+
+
+def _random123(included: str) -> tuple[Traversable, str]:
+    folder, _, file = included.partition("/")
+    return resources.files("pyopencl") / "cl" / folder, file
+
+
+def check_process(opened_by: int) -> None:
+    """Raise :class:`LightdomeError` in any process but ``opened_by``: a fork has none of OpenCL's threads."""
+    if os.getpid() != opened_by:
+        raise LightdomeError(
+            "this process was forked from one that had opened an OpenCL device, and no device works in a fork; start"
+            " processes with multiprocessing.get_context('spawn'), and open the device in each of them"
+        )
+
+
+def compiler_says(error: cl.Error) -> str:
+    """The line that matters of what a failed build says; pyopencl leaves its source on disk, and that goes."""
+    said = str(error)
+    if saved := _SAVED.search(said):
+        Path(saved[1]).unlink(missing_ok=True)
+    return one_line(next((line for line in said.splitlines() if "error" in line), said))
+
+
+class Kernel:
+    """A kernel, called as pyopencl's own is, but only in the process that opened its device."""
+
+    def __init__(self, kernel: cl.Kernel) -> None:
+        self._kernel = kernel
+        self._process = os.getpid()
+
+    def __call__(self, *args: object, **options: object) -> cl.Event:
+        """Run it: queue, global size, local size, and the kernel's arguments."""
+        check_process(self._process)
+        return self._kernel(*args, **options)
+
+
+class Programs:
+    """The kernels of one context, built when they are first asked for, all with ``-D`` for each of ``defines``."""
+
+    def __init__(self, context: cl.Context, **defines: int) -> None:
+        self._context = context
+        self._defines = defines
+        self._kernels: dict[tuple[str, tuple[tuple[str, int], ...]], Kernel] = {}
+        self._process = os.getpid()
+
+    @property
+    def built(self) -> list[str]:
+        """The kernels that were built, in order, each with what it was specialised on."""
+        names = ((name.rpartition("/")[2], defines) for name, defines in self._kernels)
+        return [f"{name} ({', '.join(dict(defines))})" if defines else name for name, defines in names]
+
+    @property
+    def available(self) -> int:
+        """How many kernels there are."""
+        return sum(
+            file.name.endswith(".cl")
+            for folder in resources.files("lightdome.clkernels").iterdir()
+            if folder.is_dir()
+            for file in folder.iterdir()
+        )
+
+    def text(self, name: str) -> str:
+        """What the kernel ``name`` is compiled from: ``clkernels/name.cl`` with all its headers."""
+        return source(f"{name}.cl")
+
+    def check_process(self) -> None:
+        """Raise :class:`LightdomeError` in a process that was forked from the one that opened the device."""
+        check_process(self._process)
+
+    def kernel(self, name: str, **defines: int) -> Kernel:
+        """The kernel ``name``, as ``sampling/row_cdf``, of ``clkernels/name.cl``, with ``-D`` for each of ``defines``.
+
+        Raises :class:`LightdomeError` if the device's compiler refuses it, or in a forked process.
+        """
+        self.check_process()
+        key = (name, tuple(sorted(defines.items())))
+        if key not in self._kernels:
+            of_all = {**self._defines, **defines}
+            options = ["-cl-std=CL1.2", *(f"-D{define}={value}" for define, value in sorted(of_all.items()))]
+            program = cl.Program(self._context, self.text(name))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", cl.CompilerWarning)  # chatter of a build that went well
+                try:
+                    program.build(options)
+                except cl.RuntimeError as error:
+                    raise LightdomeError(
+                        f"the OpenCL compiler refuses clkernels/{name}.cl ({compiler_says(error)});"
+                        " choose another device with --device"
+                    ) from error
+            self._kernels[key] = Kernel(getattr(program, name.rpartition("/")[2]))
+        return self._kernels[key]

@@ -1,0 +1,166 @@
+"""What an OpenCL device does in a second: measured, since what implementations claim says little about it.
+
+An implementation that claims fused multiply-adds may take five times as long for ``fma()`` as for a product and a sum,
+and one that is newer than another need not be faster. So a few small kernels run once for each device and version, in
+the process in which :mod:`lightdome.probe` tries the device. Their rates choose among devices, and decide how kernels
+spell a multiply-add.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import pyopencl as cl
+
+from .programs import Programs
+
+REPEATS = 15  # the fastest counts: other programs on the machine only make it look slower
+CHAINS, STEPS = 8, 2**11  # of multiply_add.cl
+ITEMS_A_UNIT, GPU_ITEMS_A_UNIT = 64, 2048  # work-items a compute unit: a third of a millisecond on two fast cores
+COPY_BYTES, COPY_BLOCK = 2**25, 2048  # read and written together; vectors a work-item
+TRANSFER_BYTES = 2**24
+MATRIX = 512  # rows and columns of numpy's product
+
+FUSED_PAYS = 0.9  # of the rate of a product and a sum; fused is also more exact
+SLOW = 1 / 3  # of numpy's rate
+
+# A frame: what an image of a map takes, roughly.
+FRAME_MULTIPLY_ADDS = 2**30
+FRAME_COPIES = 2**26
+FRAME_TRANSFERS = 2**24
+FRAME_LAUNCHES = 16
+
+
+@dataclass(frozen=True)
+class Rates:
+    """What a device does, each a second.
+
+    - ``fused``, ``plain``: float32 multiply-adds as ``fma(a, b, c)``, and as ``a * b + c`` rounded twice
+    - ``copies``: bytes that a kernel reads and writes
+    - ``transfers``: bytes between host and device; None where they share memory
+    - ``launches``: kernels that do nothing, one after the other
+    - ``numpy``: float32 multiply-adds of numpy's matrix product on the same machine
+    """
+
+    fused: float
+    plain: float
+    copies: float
+    transfers: float | None
+    launches: float
+    numpy: float
+
+    @property
+    def is_fused(self) -> bool:
+        """Whether kernels shall use ``fma``."""
+        return self.fused >= FUSED_PAYS * self.plain
+
+    @property
+    def multiply_adds(self) -> float:
+        """Multiply-adds a second, as kernels spell them."""
+        return self.fused if self.is_fused else self.plain
+
+    @property
+    def is_slow(self) -> bool:
+        """Whether the device does less than a third of what numpy does on the same machine."""
+        return self.multiply_adds < SLOW * self.numpy
+
+    @property
+    def frame_seconds(self) -> float:
+        """Seconds for a frame: 2^30 multiply-adds, 64 MiB read and written, 16 MiB transferred and 16 launches."""
+        transfer = FRAME_TRANSFERS / self.transfers if self.transfers else 0.0
+        return (
+            FRAME_MULTIPLY_ADDS / self.multiply_adds
+            + FRAME_COPIES / self.copies
+            + transfer
+            + FRAME_LAUNCHES / self.launches
+        )
+
+    def to_json(self) -> dict[str, float | None]:
+        """Plain numbers, for :meth:`from_json`."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, values: object) -> Rates:
+        """The rates that :meth:`to_json` returned. Raises ``TypeError`` or ``ValueError`` for anything else."""
+        if not isinstance(values, dict):
+            raise TypeError("rates are an object")
+        result = cls(**values)
+        for name, value in values.items():
+            if not (value is None and name == "transfers") and not 0 < float(value) < float("inf"):
+                raise ValueError(f"{name} is no rate")
+        return result
+
+
+def measure(context: cl.Context) -> Rates:
+    """Measure the one device of ``context``: a fraction of a second."""
+    (device,) = context.devices
+    queue = cl.CommandQueue(context, properties=cl.command_queue_properties.PROFILING_ENABLE)
+    programs = Programs(context)
+    is_gpu = bool(device.type & cl.device_type.GPU)
+    local = None if is_gpu else (1,)
+    flags = cl.mem_flags.READ_WRITE
+
+    chains, block = (1, 1) if is_gpu else (CHAINS, COPY_BLOCK)
+    items = (GPU_ITEMS_A_UNIT if is_gpu else ITEMS_A_UNIT) * device.max_compute_units
+    result = cl.Buffer(context, flags, 64 * items)
+    one, steps = np.float32(1), np.uint32(STEPS)
+
+    def multiply_add(fused: int) -> Callable[[], cl.Event]:
+        kernel = programs.kernel("limits/multiply_add", CHAINS=chains, FUSED=fused)
+        return lambda: kernel(queue, (items,), local, one, one, steps, result)
+
+    fused, plain = (16 * chains * STEPS * items / s for s in _on_device(multiply_add(1), multiply_add(0)))
+    source, target = (cl.Buffer(context, flags, COPY_BYTES // 2) for _ in range(2))
+    for buffer in (source, target):  # touches all pages
+        cl.enqueue_fill_buffer(queue, buffer, np.float32(1), 0, COPY_BYTES // 2)
+    copy, count = programs.kernel("limits/copy", BLOCK=block), COPY_BYTES // 2 // (16 * block)
+    launch = programs.kernel("limits/launch")
+    (copy_seconds,) = _on_device(lambda: copy(queue, (count,), local, source, target))
+    return Rates(
+        fused=fused,
+        plain=plain,
+        copies=COPY_BYTES / copy_seconds,
+        transfers=None if device.type & cl.device_type.CPU else _transfers(queue, source),
+        launches=1 / _on_host(lambda: launch(queue, (1,), (1,)).wait()),
+        numpy=_numpy(),
+    )
+
+
+def _transfers(queue: cl.CommandQueue, buffer: cl.Buffer) -> float:
+    half = np.ones(TRANSFER_BYTES // 8, np.float32)
+
+    def both_ways() -> None:
+        cl.enqueue_copy(queue, buffer, half)
+        cl.enqueue_copy(queue, half, buffer)
+
+    return TRANSFER_BYTES / _on_host(both_ways)
+
+
+def _numpy() -> float:
+    matrix = np.ones((MATRIX, MATRIX), np.float32)
+    out = np.empty_like(matrix)
+    return MATRIX**3 / _on_host(lambda: np.matmul(matrix, matrix, out=out))
+
+
+def _on_device(*starts: Callable[[], cl.Event]) -> list[float]:
+    """The fewest seconds that the device says each took; they run in turn, so that other programs hold up all alike."""
+    seconds: list[list[float]] = [[] for _ in starts]
+    for _ in range(1 + REPEATS):
+        for start, of_start in zip(starts, seconds, strict=True):
+            event = start()
+            event.wait()
+            of_start.append(max(event.profile.end - event.profile.start, 1) * 1e-9)
+    return [min(of_start[1:]) for of_start in seconds]
+
+
+def _on_host(run: Callable[[], object]) -> float:
+    """The fewest seconds of the host's clock."""
+    seconds = []
+    for _ in range(1 + REPEATS):
+        begin = time.perf_counter()
+        run()
+        seconds.append(time.perf_counter() - begin)
+    return max(min(seconds[1:]), 1e-9)

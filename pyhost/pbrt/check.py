@@ -1,0 +1,96 @@
+"""Whether an image that another program rendered is the one that the map calls for.
+
+Averages of the image over squares of pixels are compared with the irradiance of the normals in their centres, in
+float64 on the host. Squares beside each other make a block, whose differences scatter by the noise of the image: the
+mean of a block counts as wrong beyond ten of its standard errors. Differences by design (spectra, interpolation,
+pixels that are points or areas) are allowed for: 2 % of the brightest value, and more where a map has few rows. So an
+image by white light, of another map, mirrored, or of half the radiance is found; an error of some percent is not, nor
+one of 10 % at a single sample per pixel.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .. import checks
+from ..disc import check_resolution, disc_mask
+from ..errors import LightdomeError
+from ..maps.envmap import EnvironmentMap
+from ..maps.geometry import solid_angles
+
+STANDARD_ERRORS = 10
+SQUARES = 48  # in a row of the image, at most
+BLOCK = 6  # squares in a row of a block
+FEWEST = 9  # squares from which a standard error is estimated
+CELLS = 256  # rows of the map after averaging, at most; twice as many columns
+
+
+def deviation(image: np.ndarray, envmap: EnvironmentMap, albedo: float = 1.0) -> str | None:
+    """Where ``image``, (R, R, 3), is not the sphere under ``envmap``, and by how much, in one line; None if it is.
+
+    Says nothing of images so small that their noise is unknown. Raises :class:`LightdomeError` for an image of another
+    shape, and for an albedo that is negative or not finite.
+    """
+    checks.instance("the map", envmap, EnvironmentMap)
+    albedo = checks.albedo(albedo)
+    image = np.asarray(image, np.float64)
+    if image.ndim != 3 or image.shape != (len(image), len(image), 3):
+        raise LightdomeError(f"an image must have the shape (R, R, 3), got {image.shape}")
+    resolution = check_resolution(len(image))
+    side = -(-resolution // SQUARES)
+    count = resolution // side
+    inside = _squares(disc_mask(resolution)[..., None], side).min(axis=(1, 3))[..., 0]
+    means = _squares(image, side).mean(axis=(1, 3))
+    centre = (side * (2 * np.arange(count) + 1) - resolution) / resolution
+    nx, ny = np.broadcast_arrays(centre, -centre[:, None])
+    normals = np.stack([nx, ny, np.sqrt(np.maximum(1 - nx**2 - ny**2, 0))], axis=-1)
+    expected = np.zeros_like(means)
+    expected[inside] = albedo * _reflected(envmap, normals[inside])
+
+    allowed = (0.02 + 0.5 / envmap.height) * expected.max()
+    worst, said = 0.0, None
+    for y in range(0, count, BLOCK):
+        for x in range(0, count, BLOCK):
+            block = np.s_[y : y + BLOCK, x : x + BLOCK]
+            here, wanted = (array[block][inside[block]] for array in (means, expected))
+            if len(here) < FEWEST:
+                continue
+            difference = here - wanted
+            error = difference.std(axis=0, ddof=1) / np.sqrt(len(difference))
+            beyond = np.abs(difference.mean(axis=0)) / (allowed + STANDARD_ERRORS * error + 1e-300)
+            channel = int(beyond.argmax())
+            if beyond[channel] > max(1.0, worst):
+                worst = float(beyond[channel])
+                at = side * (min(x + BLOCK // 2, count - 1)), side * (min(y + BLOCK // 2, count - 1))
+                said = (
+                    f"around pixel {at[0]}, {at[1]} its {['red', 'green', 'blue'][channel]} is"
+                    f" {here.mean(axis=0)[channel]:.3g} where the map calls for {wanted.mean(axis=0)[channel]:.3g},"
+                    f" more than {STANDARD_ERRORS} standard errors away"
+                )
+    return said
+
+
+def _squares(array: np.ndarray, side: int) -> np.ndarray:
+    """``array`` (R, R, C) as whole squares of pixels: (count, side, count, side, C)."""
+    count = len(array) // side
+    return array[: count * side, : count * side].reshape(count, side, count, side, -1)
+
+
+def _reflected(envmap: EnvironmentMap, normals: np.ndarray) -> np.ndarray:
+    """Radiance of a white diffuse surface with each of ``normals``, (N, 3), under the map: (N, 3) float64."""
+    height, width = envmap.height, envmap.width
+    rows = np.arange(0, height, -(-height // CELLS))
+    columns = np.arange(0, width, -(-width // (2 * CELLS)))
+    of_rows = [
+        weight * np.add.reduceat(row, columns, axis=0, dtype=np.float64)
+        for row, weight in zip(envmap.radiance, solid_angles(height, width), strict=True)
+    ]
+    flux = np.add.reduceat(np.stack(of_rows), rows, axis=0)
+    theta = (np.pi / height) * (rows + np.append(rows[1:], height)) / 2
+    phi = (np.pi / width) * (columns + np.append(columns[1:], width))
+    y, ring = np.cos(theta)[:, None], np.sin(theta)[:, None]
+    directions = np.stack(np.broadcast_arrays(ring * np.cos(phi), y, ring * np.sin(phi)), axis=-1)
+    result = np.zeros((len(normals), 3))
+    for of_row, row in zip(directions, flux, strict=True):
+        result += np.maximum(normals @ of_row.T, 0) @ row
+    return result / np.pi

@@ -1,0 +1,226 @@
+"""The diffuse sphere by Monte Carlo with fresh samples for every pixel: noise instead of bias.
+
+Four estimators, all unbiased. What one sample per pixel means for each:
+
+- ``light``: a direction drawn as the light is: the least work; half of them lie below the horizon
+- ``bsdf``: a direction drawn as the cosine is: good only where the light is much the same from everywhere
+- ``mis``: one of both, weighted by the power heuristic: never much worse than the better of them
+- ``product``: a direction drawn as light times cosine, nearly: by far the least noise, for tables that cost
+  a few milliseconds, and for no surface but a diffuse one
+
+The error of N independent points falls as 1 / sqrt(N), that of Sobol points faster. ``light`` and
+``product`` look at the centres of the map's pixels like the samples of part 2, and converge to
+:func:`lightdome.exact`; ``bsdf`` and ``mis`` see pixels as areas of constant radiance, and converge to
+``exact(..., pixels="areas")``. The two differ most beside the shadow's edge of a single bright pixel, in both
+directions, by a part of the image's maximum that falls as 1 / H.
+
+Kernels: ``render.cl``, ``render_product.cl``. Source: Veach, thesis (1997), chapter 9; Pharr, Jakob,
+Humphreys, Physically Based Rendering, 4th ed., 2.2 and 13.2; Karlik et al., MIS Compensation (2019).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from .. import checks
+from ..disc import check_resolution, disc_tiles, note_tiles
+from ..errors import LightdomeError
+from ..float_range import to_float32
+from ..maps.geometry import row_angles
+from ..names import ESTIMATORS as ESTIMATORS
+from ..names import PIXEL_SEQUENCES as SEQUENCES
+from ..opencl import memory
+from ..progress import Progress
+from ..sampling.distribution import Distribution, build_cdfs, philox_key
+from ..sampling.guide import build_guide
+from .product import ProductCDFs, build_product_cdfs
+
+if TYPE_CHECKING:
+    import pyopencl as cl
+
+    from ..opencl.device import Device
+
+SAMPLES_A_LAUNCH = 2**25  # pixels x spp between two updates of the progress line
+PIXELS_A_BLOCK = 128  # that a work-item of a CPU renders side by side
+SAMPLES_A_SUM = 128  # spp that a launch sums in single precision; the sum over launches is in double words
+# What an estimator takes the map's pixels for, and so which exact image it converges to.
+PIXELS_OF: dict[str, Literal["centres", "areas"]] = {
+    "light": "centres",
+    "bsdf": "areas",
+    "mis": "areas",
+    "product": "centres",
+}
+
+
+def render(
+    distribution: Distribution,
+    spp: Sequence[int],
+    resolution: int = 511,
+    albedo: float = 1.0,
+    seed: int = 0,
+    estimator: str = "light",
+    sequence: str = "independent",
+    mis_compensation: bool = False,
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield (spp, image) for each of ``spp`` in increasing order; images are (R, R, 3) float32 radiance.
+
+    - ``estimator``: ``light``, ``bsdf``, ``mis`` or ``product``, see above
+    - ``sequence``: ``independent``, or ``sobol`` with an Owen scramble of its own for every pixel; best at
+      powers of two
+    - ``mis_compensation``: with ``mis``, draw from the light only what is above its mean, and leave the rest
+      to the cosine's samples
+
+    An image of more samples continues the one of fewer, so all cost as much as the largest. A black map
+    gives black. Raises :class:`LightdomeError` for a resolution or a number of samples out of range, for
+    an albedo that is negative or not finite, for unknown names, and for compensation without ``mis``.
+    """
+    checks.instance("the distribution", distribution, Distribution)
+    resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
+    spp = sorted(set(checks.wholes("samples per pixel", spp, 1, 2**31 - 1)))
+    checks.choice("estimator", estimator, ESTIMATORS)
+    checks.choice("sequence", sequence, SEQUENCES)
+    if checks.flag("mis_compensation", mis_compensation) and estimator != "mis":
+        raise LightdomeError(f"MIS compensation needs the estimator 'mis', got {estimator!r}")
+    key = philox_key(seed)
+    return _images(distribution, spp, resolution, albedo, key, estimator, sequence, mis_compensation)
+
+
+def _images(
+    distribution: Distribution,
+    spp: Sequence[int],
+    resolution: int,
+    albedo: float,
+    key: np.ndarray,
+    estimator: str,
+    sequence: str,
+    mis_compensation: bool,
+) -> Iterator[tuple[int, np.ndarray]]:
+    device = distribution.device
+    if distribution.total == 0:
+        device.decisions.skip("rendering", "the map is black, and so is the image")
+        yield from _black(spp, resolution)
+        return
+
+    device.decisions.skip("code of other estimators and sequences", f"{estimator} and {sequence} are built alone")
+    # First, as the largest: what a device has no room for fails at once.
+    total = memory.zeros(device, (2, resolution, resolution, 3), np.float32)
+    disc = disc_tiles(resolution, 1, 1)
+    note_tiles(device.decisions, disc, resolution, 1, 1)
+    defines = {f"SEQUENCE_{sequence.upper()}": 1}
+    if distribution.envmap.is_grey:
+        device.decisions.skip("separate channels", "the map is grey")
+        defines["GREY"] = 1
+    else:
+        device.decisions.use("separate channels", "the map is in colour")
+    if estimator == "product":
+        cdfs = build_product_cdfs(distribution, resolution)
+        disc = cdfs.lit(device, disc)
+        device.decisions.skip("guide tables", "tables of light times cosine are searched instead")
+        if len(disc) == 0:
+            device.decisions.skip("rendering", "no light of the map falls on what the camera sees")
+            yield from _black(spp, resolution)
+            return
+        launch = _product_launch(distribution, cdfs, disc, defines)
+        flux = 3 * distribution.flux
+    else:
+        defines[f"ESTIMATOR_{estimator.upper()}"] = 1
+        launch, flux = _launch(distribution, mis_compensation, disc, defines)
+    step = min(device.items_a_launch(SAMPLES_A_LAUNCH, len(disc)), SAMPLES_A_SUM)
+    done = 0
+    with Progress("rendering") as progress:
+        for target in spp:
+            while done < target:
+                end = min(done + step, target)
+                event = launch(key, np.uint32(done), np.uint32(end), np.int32(resolution), total.buffer)
+                device.profile.record("render", event).wait()
+                done = end
+                progress.update(done / spp[-1])
+            # In float64: albedo F / pi can be above float32's range where no radiance is.
+            image = np.add(*memory.download(device, total), dtype=np.float64)
+            image *= albedo / np.pi * flux / target
+            yield target, to_float32(image)
+
+
+def _black(spp: Sequence[int], resolution: int) -> Iterator[tuple[int, np.ndarray]]:
+    for target in spp:
+        yield target, np.zeros((resolution, resolution, 3), np.float32)
+
+
+def _launch(
+    distribution: Distribution, mis_compensation: bool, disc: np.ndarray, defines: dict[str, int]
+) -> tuple[Callable[..., cl.Event], float]:
+    """The kernel ``render``, given all but its last arguments, and the flux of R + G + B that it samples."""
+    device, envmap, scale = distribution.device, distribution.envmap, distribution.scale
+    row_cdf, marginal_cdf, total = distribution.row_cdf, distribution.marginal_cdf, distribution.total
+    guide, offset = None, 0.0
+    if mis_compensation:
+        mean = float(np.float32(total / np.sin(row_angles(envmap.height)).sum() / envmap.width))
+        compensated = build_cdfs(device, distribution.radiance, scale, mean)
+        if compensated[2] > 0:  # else the map is the same all over: there is nothing above its mean
+            row_cdf, marginal_cdf, total = compensated
+            offset = mean
+            guide = build_guide(device, row_cdf, marginal_cdf)
+    flux = 3 * distribution.flux * (total / distribution.total)
+    of_light: tuple[object, ...] = ()
+    if "ESTIMATOR_BSDF" in defines:
+        device.decisions.skip("guide tables", "directions of the cosine need no search")
+    else:
+        device.decisions.use("guide tables", "every sample of every pixel searches the map")
+        guide = guide or distribution.guide
+        edge = np.cos(np.pi / envmap.height * np.arange(envmap.height + 1)).astype(np.float32)
+        angles = (distribution.theta.buffer, distribution.phi.buffer, memory.upload(device, edge).buffer)
+        of_light = (row_cdf.buffer, marginal_cdf.buffer, *guide.arguments, *angles)
+    launch = partial(
+        _in_blocks(device, "rendering/render", disc, defines),
+        distribution.radiance.buffer,
+        *of_light,
+        np.uint32(envmap.width),
+        np.uint32(envmap.height),
+        np.float32(scale),
+        np.float32(offset),
+        np.float32(np.pi / (flux * scale)),
+        memory.upload(device, disc).buffer,
+        np.uint32(len(disc)),
+    )
+    return launch, flux
+
+
+def _product_launch(
+    distribution: Distribution, cdfs: ProductCDFs, disc: np.ndarray, defines: dict[str, int]
+) -> Callable[..., cl.Event]:
+    """The kernel ``render_product``, given all but its last arguments."""
+    device, envmap = distribution.device, distribution.envmap
+    return partial(
+        _in_blocks(device, "rendering/render_product", disc, defines),
+        cdfs.tile_column_cdf.buffer,
+        cdfs.tile_row_cdf.buffer,
+        cdfs.tiles.buffer,
+        cdfs.tile_total.buffer,
+        np.uint32(cdfs.tile_size),
+        np.uint32(cdfs.tile_total.shape[1]),
+        cdfs.column_cdf.buffer,
+        cdfs.row_cdf.buffer,
+        cdfs.lights.buffer,
+        np.array(cdfs.lights.shape[1::-1], np.uint32),
+        np.array(cdfs.cell_size, np.uint32),
+        distribution.radiance.buffer,
+        distribution.theta.buffer,
+        distribution.phi.buffer,
+        np.uint32(envmap.width),
+        np.uint32(envmap.height),
+        np.float32(distribution.scale),
+        np.float32(1 / distribution.total),
+        memory.upload(device, disc).buffer,
+        np.uint32(len(disc)),
+    )
+
+
+def _in_blocks(device: Device, name: str, disc: np.ndarray, defines: dict[str, int]) -> Callable[..., cl.Event]:
+    """The kernel ``name``, a work-item a block of the disc's pixels, given all but its arguments."""
+    block = 1 if device.is_gpu else PIXELS_A_BLOCK
+    kernel = device.kernel(name, BLOCK=block, **defines)
+    return partial(kernel, device.queue, (-(-len(disc) // block),), device.one_by_one())

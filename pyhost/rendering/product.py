@@ -1,0 +1,113 @@
+"""Sampling the product of light and cosine: coarse CDFs for every tile of the sphere's image.
+
+The map is cut into cells and the image into tiles. A tile picks a cell by the light it holds times about
+the cosine that the tile's normals have with it, and the cell picks one of its pixels by its light. So next
+to nothing is drawn below the horizon. Kernels: ``cells.cl``, ``product_cdf.cl``, ``render_product.cl``.
+Source: Cline, Egbert, Talbot, Cardon, Two Stage Importance Sampling for Direct Lighting (2006); Clarberg,
+Jarosz, Akenine-Möller, Jensen, Wavelet Importance Sampling (2005).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import checks
+from ..disc import check_resolution
+from ..opencl import memory
+from ..opencl.device import Device
+from ..opencl.memory import DeviceArray
+from ..sampling.distribution import Distribution
+
+CELLS = (64, 32)  # most cells across and down the map
+TILES = 32  # most tiles across and down the image
+
+
+@dataclass(frozen=True)
+class ProductCDFs:
+    """CDFs of all tiles over the cells of a map, and of all cells over their pixels."""
+
+    tile_size: int
+    tile_column_cdf: DeviceArray  # (T, T, cells down, cells across) uint32
+    tile_row_cdf: DeviceArray  # (T, T, cells down) uint32
+    tiles: DeviceArray  # (T, T, 4) float32, mean normal and reach
+    tile_total: DeviceArray  # (T, T) float32
+    cell_size: tuple[int, int]  # pixels across and down
+    column_cdf: DeviceArray  # (H, W) uint32
+    row_cdf: DeviceArray  # (cells across, H) uint32
+    lights: DeviceArray  # (cells down, cells across, 4) float32, mean direction and reach
+
+    def lit(self, device: Device, disc: np.ndarray) -> np.ndarray:
+        """The pixels (x, y) of ``disc`` whose tile sees light; those of a tile, which share its CDFs, side by side."""
+        total = memory.download(device, self.tile_total)
+        x, y = disc.T // self.tile_size
+        tile = (y * len(total) + x).astype(np.uint16)  # numpy sorts 16 bits by radix
+        order = np.argsort(tile, kind="stable")
+        return disc.take(order[total.ravel()[tile[order]] > 0], axis=0)
+
+
+def build_product_cdfs(distribution: Distribution, resolution: int) -> ProductCDFs:
+    """The CDFs for the image of ``resolution`` x ``resolution`` pixels under a map that is not black.
+
+    Raises :class:`LightdomeError` for a resolution outside 1 to 16384.
+    """
+    checks.instance("the distribution", distribution, Distribution)
+    resolution = check_resolution(resolution)
+    device, envmap = distribution.device, distribution.envmap
+    cell_size = -(-envmap.width // CELLS[0]), -(-envmap.height // CELLS[1])
+    across, down = -(-envmap.width // cell_size[0]), -(-envmap.height // cell_size[1])
+    column_cdf = memory.empty(device, (envmap.height, envmap.width), np.uint32)
+    row_cdf = memory.empty(device, (across, envmap.height), np.uint32)
+    flux = memory.empty(device, (down, across), np.float32)
+    lights = memory.empty(device, (down, across, 4), np.float32)
+    event = device.kernel("rendering/cells")(
+        device.queue,
+        (across, down),
+        device.one_by_one(2),
+        distribution.radiance.buffer,
+        distribution.theta.buffer,
+        distribution.phi.buffer,
+        np.uint32(envmap.width),
+        np.uint32(envmap.height),
+        np.array(cell_size, np.uint32),
+        np.float32(distribution.scale),
+        column_cdf.buffer,
+        row_cdf.buffer,
+        flux.buffer,
+        lights.buffer,
+    )
+    device.profile.record("cells", event)
+
+    tile_size = -(-resolution // TILES)
+    count = -(-resolution // tile_size)
+    tiles = memory.empty(device, (count, count, 4), np.float32)
+    tile_total = memory.zeros(device, (count, count), np.float32)
+    tile_column_cdf = memory.empty(device, (count, count, down, across), np.uint32)
+    tile_row_cdf = memory.empty(device, (count, count, down), np.uint32)
+    event = device.kernel("rendering/product_cdf")(
+        device.queue,
+        (count, count),
+        device.one_by_one(2),
+        flux.buffer,
+        lights.buffer,
+        np.array((across, down), np.uint32),
+        np.int32(tile_size),
+        np.int32(resolution),
+        tiles.buffer,
+        tile_total.buffer,
+        tile_column_cdf.buffer,
+        tile_row_cdf.buffer,
+    )
+    device.profile.record("product cdf", event).wait()
+    return ProductCDFs(
+        tile_size=tile_size,
+        tile_column_cdf=tile_column_cdf,
+        tile_row_cdf=tile_row_cdf,
+        tiles=tiles,
+        tile_total=tile_total,
+        cell_size=cell_size,
+        column_cdf=column_cdf,
+        row_cdf=row_cdf,
+        lights=lights,
+    )

@@ -1,0 +1,70 @@
+"""Guide tables: searches of a map's CDFs that begin where they nearly end.
+
+Worth their while for many samples only. Kernel: ``guide.cl``; ``guided.clh`` is what searches.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..opencl import memory
+from ..opencl.memory import DeviceArray
+
+if TYPE_CHECKING:
+    from ..opencl.device import Device
+
+BUCKETS_A_ROW = 4.0  # one table for all rows
+BUCKETS_A_PIXEL = 1.0
+MAX_BUCKETS = 2**26  # of all rows: half a gibibyte
+
+
+@dataclass(frozen=True)
+class Guide:
+    """Where the searches of the CDF over rows and of those of the rows begin and end.
+
+    - ``marginal``, ``rows``: the tables, 2^32 >> shift records a CDF, (count, records, 2) uint32
+    - ``row_total``: the last entry of each row's CDF, (H,) uint32
+    """
+
+    marginal: DeviceArray
+    rows: DeviceArray
+    row_total: DeviceArray
+    marginal_shift: int
+    row_shift: int
+
+    @property
+    def arguments(self) -> tuple[object, ...]:
+        """The arguments of kernels that search with this guide."""
+        tables = (self.marginal.buffer, self.rows.buffer, self.row_total.buffer)
+        return *tables, np.uint32(self.marginal_shift), np.uint32(self.row_shift)
+
+
+def build_guide(device: Device, row_cdf: DeviceArray, marginal_cdf: DeviceArray) -> Guide:
+    """Guide tables for a map's CDFs (H, W) and (H,), see :func:`lightdome.sampling.distribution.build_cdfs`."""
+    height, width = row_cdf.shape
+
+    def table(cdf: DeviceArray, count: int, n: int, buckets: float) -> tuple[DeviceArray, DeviceArray, int]:
+        bits = max(1, math.ceil(math.log2(min(n * buckets, MAX_BUCKETS / count))))
+        guide = memory.empty(device, (count, 2**bits, 2), np.uint32)
+        total = memory.empty(device, count, np.uint32)
+        event = device.kernel("sampling/guide")(
+            device.queue,
+            (count,),
+            device.one_by_one(),
+            cdf.buffer,
+            np.uint32(n),
+            np.uint32(32 - bits),
+            guide.buffer,
+            total.buffer,
+        )
+        device.profile.record("guide", event)
+        return guide, total, 32 - bits
+
+    marginal, _, marginal_shift = table(marginal_cdf, 1, height, BUCKETS_A_ROW)
+    rows, row_total, row_shift = table(row_cdf, height, width, BUCKETS_A_PIXEL)
+    device.queue.finish()  # where the memory is the host's, it may be freed from here on
+    return Guide(marginal, rows, row_total, marginal_shift, row_shift)

@@ -1,0 +1,186 @@
+"""Samples of a map that stays in its file: memory for bands of its rows, however large it is.
+
+The CDF over rows needs the sum of every row and no pixel after that, so the file is read once, band by band, and
+nothing of a band is kept but its sums. That CDF says which rows the samples fall into. Those alone are read
+again and have CDFs built. The samples are those of :meth:`lightdome.Distribution.sample`, bit for bit.
+Kernels: those of :mod:`lightdome.sampling.distribution`, and ``choose_rows.cl``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from .. import __version__, checks
+from ..errors import LightdomeError
+from ..maps.envmap import EnvironmentMap, Inspection, Replaced
+from ..maps.geometry import column_angles, row_angles, sine_cosine
+from ..maps.images import ImageRows
+from ..opencl import memory
+from ..opencl.device import Device
+from ..opencl.memory import DeviceArray
+from ..progress import Progress
+from .distribution import (
+    BLACK,
+    MAX_COUNT,
+    Distribution,
+    build_marginal_cdf,
+    build_row_cdfs,
+    is_guided,
+    philox_key,
+    range_scale,
+    sequence_define,
+)
+from .samples import Samples
+
+GROUP = 64  # work-items a group: where it may choose, PoCL takes another size for nearly every count, and compiles anew
+
+
+def sample_file(
+    device: Device,
+    image: ImageRows,
+    counts: Sequence[int],
+    seed: int = 0,
+    sequence: str = "independent",
+    *,
+    sanitize: bool | str = False,
+    report: Callable[[Replaced], None] | None = None,
+) -> list[Samples]:
+    """One set of samples of the map in a file for each of ``counts``, as ``Distribution.sample`` draws them.
+
+    The file is read twice in all: whole, then those rows in which a sample lies. A map that leaves the range of
+    2^-60 to 2^60 at its peak is read whole twice.
+
+    ``sanitize`` is that of :meth:`lightdome.EnvironmentMap.read`; ``report`` is called with what was replaced, if
+    anything was. Raises :class:`LightdomeError` where the file cannot be read, holds bad pixels that are not to be
+    replaced, or is black; and for what ``Distribution.sample`` refuses.
+    """
+    checks.instance("the device", device, Device)
+    checks.instance("the image", image, ImageRows)
+    counts = checks.wholes("counts", counts, 0, MAX_COUNT)
+    defines = [sequence_define(count, sequence) for count in counts]
+    memory.check_room(device, 12 * sum(counts))  # as where the map is in memory
+    key = philox_key(seed)
+    inspection = Inspection(sanitize, image.largest)
+    row_sums = _row_sums(device, image, 1.0, inspection)
+    inspection.refuse_bad_pixels(str(image.path))
+    scale = range_scale(inspection.peak)
+    if scale != 1:
+        row_sums = _row_sums(device, image, scale, Inspection(sanitize, image.largest))
+    marginal_cdf, total = build_marginal_cdf(device, memory.upload(device, row_sums))
+    if total == 0:
+        raise LightdomeError(BLACK)
+    if report is not None and (replaced := inspection.replaced(image.height, total / scale)):
+        report(replaced)
+    chosen = [_choose_rows(device, marginal_cdf, *pair, key) for pair in zip(counts, defines, strict=True)]
+    row, across = (np.concatenate(parts) for parts in zip(*chosen, strict=True))
+    drawn = _draw(device, image, Inspection(sanitize, image.largest), row, across, scale, total)
+    shape = (image.height, image.width)
+    sets = (np.split(array, np.cumsum(counts)[:-1]) for array in drawn)
+    return [
+        checks.made(
+            Samples,
+            direction=direction,
+            radiance=radiance,
+            probability=probability,
+            pixel=pixel,
+            map_shape=shape,
+            sequence=sequence,
+            seed=seed,
+            version=__version__,
+        )
+        for direction, radiance, probability, pixel in zip(*sets, strict=True)
+    ]
+
+
+def _row_sums(device: Device, image: ImageRows, scale: float, inspection: Inspection) -> np.ndarray:
+    """The sum of every row of a file, (H, 2) double words; ``inspection`` sees its values."""
+    sums = np.empty((image.height, 2), np.float32)
+    done = 0
+    with Progress("reading the map") as progress:
+        for rows, radiance in image.read(np.arange(image.height)):
+            band = memory.upload(device, inspection.mended(radiance, int(rows[0])))
+            built = build_row_cdfs(device, band, scale)
+            sums[rows] = memory.download(device, built[1])
+            done += len(rows)
+            progress.update(done / image.height)
+    return sums
+
+
+def _choose_rows(
+    device: Device, marginal_cdf: DeviceArray, count: int, defines: dict[str, int], key: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The row of every sample, and the point that picks a pixel in it as a fraction of 2^32: (N,) uint32 each."""
+    row, across = (memory.empty(device, count, np.uint32) for _ in range(2))
+    event = device.kernel("sampling/choose_rows", **defines)(
+        device.queue,
+        (-(-count // GROUP) * GROUP,),
+        (GROUP,),
+        marginal_cdf.buffer,
+        np.uint32(marginal_cdf.shape[0]),
+        np.uint32(count),
+        key,
+        row.buffer,
+        across.buffer,
+    )
+    device.profile.record("search", event)
+    return memory.download(device, row), memory.download(device, across)
+
+
+def _draw(
+    device: Device,
+    image: ImageRows,
+    inspection: Inspection,
+    row: np.ndarray,
+    across: np.ndarray,
+    scale: float,
+    total: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Direction, radiance, probability and pixel of samples in known rows."""
+    count = len(row)
+    direction, radiance = (np.empty((count, 3), np.float32) for _ in range(2))
+    probability, pixel = np.empty(count, np.float32), np.empty((count, 2), np.int32)
+    order = np.argsort(row)
+    sorted_row = row[order]
+    theta = sine_cosine(row_angles(image.height))
+    phi = memory.upload(device, sine_cosine(column_angles(image.width)))
+    done = 0
+    guided: list[bool] = []
+    with Progress("reading the chosen rows") as progress:
+        for rows, pixels in image.read(np.unique(row)):
+            # A distribution over these rows alone, each as likely as the others: the second point names one.
+            mended = inspection.mended(pixels)
+            envmap = checks.made(EnvironmentMap, radiance=mended, peak=inspection.peak, replaced=None, notes=())
+            band = memory.upload(device, envmap.radiance)
+            built = build_row_cdfs(device, band, scale)
+            distribution = Distribution(
+                device=device,
+                envmap=envmap,
+                radiance=band,
+                row_cdf=built[0],
+                marginal_cdf=memory.upload(device, np.arange(1, len(rows) + 1, dtype=np.uint32)),
+                theta=memory.upload(device, theta[rows]),
+                phi=phi,
+                scale=scale,
+                total=total,
+            )
+            first, end = np.searchsorted(sorted_row, [rows[0], rows[-1] + 1])
+            index = order[first:end]
+            place = np.searchsorted(rows, sorted_row[first:end])
+            points = np.stack([across[index] * 2.0**-32, (place + 0.5) / len(rows)], axis=1)
+            samples = distribution.sample_at(points)
+            guided.append(is_guided(len(points), envmap))
+            direction[index] = samples.direction
+            radiance[index] = samples.radiance
+            probability[index] = samples.probability
+            pixel[index] = np.stack([samples.pixel[:, 0], rows[samples.pixel[:, 1]]], axis=1)
+            done += len(index)
+            progress.update(done / count)
+    # Each band has decided for itself.
+    if any(guided):
+        many = f"in {sum(guided)} of {len(guided)} bands of rows, enough samples to pay for them"
+        device.decisions.use("guide tables", many)
+    else:
+        device.decisions.skip("guide tables", "no band of rows has enough samples to pay for them")
+    return direction, radiance, probability, pixel

@@ -1,0 +1,341 @@
+"""The report holds what was measured, never mixes what does not belong together, and is the same every time."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import shutil
+import sys
+import zipfile
+from collections import defaultdict
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from helpers import Script, fails_in_one_line, module_of, stiff_radiance
+from lightdome import __version__
+from lightdome.commands import settings
+from lightdome.disc import disc_mask
+from lightdome.errors import LightdomeError
+from lightdome.evaluation import benchmark, benchmark_plot, peer_mitsuba, report, report_figures, stability
+from lightdome.evaluation.report_figures import left_after_averaging
+from lightdome.evaluation.stability import Result
+from lightdome.evaluation.stability_cases import CASES
+from lightdome.lighting.exact import exact as exact_image
+from lightdome.maps.envmap import EnvironmentMap
+from lightdome.maps.images import write_image
+from lightdome.opencl.device import Device
+
+QUICK = {"quick": True, "methods": None}
+
+
+@pytest.fixture(scope="module")
+def small_map(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("map") / "small.pfm"
+    write_image(path, stiff_radiance(16, 32))
+    return path
+
+
+@pytest.fixture(scope="module")
+def out(device: Device, small_map: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a benchmark and a stability table, small and quick to make but of the right kind."""
+    out = tmp_path_factory.mktemp("out")
+    for name in ("bench", "stability"):
+        (out / name).mkdir()
+    envmap = EnvironmentMap.read(small_map)
+    methods = benchmark.methods(device, envmap, 21)
+    reference = methods["exact"].run(1, 0)
+    points = [
+        benchmark.measure(methods[name], count, 2, 1, reference)
+        for name in ("independent", "light", "harmonics", "exact")
+        for count in (4, 16)
+    ]
+    options = QUICK | {"resolution": 21, "seeds": 2, "repeats": 1}
+    made_with = settings.settings(device, envmap, options) | {"peers": {}, "absent": {"pbrt": "no pbrt on PATH"}}
+    benchmark.write_json(out / "bench" / "bench.json", points, made_with)
+    results = [
+        *(stability.run(case, device, 1000) for case in CASES[:2]),
+        Result("lightdome", "broken", "NaN", {"p": float("nan"), "image": 1e3}),
+        Result("lightdome", "broken", "too large", skipped="no room"),
+        Result("mitsuba", "broken", "NaN", {"p": 1.0}, judged=False),
+    ]
+    made_with = settings.settings(device, None, {"quick": True, "draws": 1000})
+    made_with |= {"peers": {"mitsuba": {"mitsuba": "3.9.1"}}, "absent": {}}
+    stability.write_json(out / "stability" / "stability.json", results, made_with)
+    return out
+
+
+@pytest.fixture(scope="module")
+def made(script: Script, small_map: Path, out: Path) -> Path:
+    """``out`` with a report, whose parts 1 to 4 were run for it."""
+    result = script("report", "--quick", "--map", small_map, "--out", out / "report")
+    assert result.returncode == 0, result.stderr
+    for part in ("part1", "part2", "part3", "part4"):
+        assert f"{part}: running" in result.stdout
+    assert f"bench: from {out / 'bench'}" in result.stdout
+    return out
+
+
+def test_the_archive_holds_the_report_and_all_images_with_their_sums(made: Path) -> None:
+    assert (made / "report" / "report.pdf").read_bytes().startswith(b"%PDF")
+    spheres = [f"part3/sphere_{n}" for n in (64, 256, 1024)] + [f"part4/sphere_{n}spp" for n in (8, 16, 32, 64)]
+    stems = [*(f"part2/em_{n}" for n in (64, 256, 1024)), *spheres, "exact/sphere"]
+    with zipfile.ZipFile(made / "report" / "lightdome-report.zip") as archive:
+        assert archive.testzip() is None
+        names = {"report.pdf", *(f"{stem}.{suffix}" for stem in stems for suffix in ("pfm", "ppm"))}
+        assert set(archive.namelist()) == names | {"SHA256SUMS"}
+        lines = archive.read("SHA256SUMS").decode().splitlines()
+        sums = {name: value for value, name in (line.split("  ") for line in lines)}
+        assert sums == {name: hashlib.sha256(archive.read(name)).hexdigest() for name in names}
+        assert archive.read("report.pdf") == (made / "report" / "report.pdf").read_bytes()
+        same = archive.read("part3/sphere_64.pfm")
+    assert same == (made / "report" / "part3" / "sphere_64.pfm").read_bytes()
+
+
+@pytest.fixture(scope="module")
+def figures(the_script: ModuleType, small_map: Path, made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The figures of a report that is made again, in this process, into ``out/report`` beside them."""
+    folder = tmp_path_factory.mktemp("again")
+    shutil.copytree(made, folder / "out")
+    second = folder / "out" / "report"
+    for name in (report.PDF, report.ARCHIVE):
+        (second / name).unlink()
+    draw = report._draw
+
+    def draw_and_keep(*arguments: object) -> None:
+        draw(*arguments)
+        shutil.copytree(arguments[-1], folder / "figures")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report, "_draw", draw_and_keep)
+        patch.setattr(the_script, "run", lambda *_: pytest.fail("the results are there"))
+        patch.setattr(sys, "argv", ["report.py", "--quick", "--map", str(small_map), "--out", str(second)])
+        the_script.main()
+    return folder / "figures"
+
+
+def test_the_same_inputs_give_the_same_bytes(made: Path, figures: Path) -> None:
+    for name in (report.PDF, report.ARCHIVE):
+        assert (figures.parent / "out" / "report" / name).read_bytes() == (made / "report" / name).read_bytes()
+
+
+@pytest.fixture(scope="module")
+def the_script() -> ModuleType:
+    return module_of("report")
+
+
+def leave(folder: Path, sha256: str, version: str = __version__) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "em.pfm").write_text(sha256)
+    content = {"map": {"sha256": sha256}, "versions": {"lightdome": version}, "options": {"counts": [64]}}
+    settings.write(folder, content, ["em.pfm"])
+
+
+WANTED = {"map": {"sha256": "ours"}, "versions": {"lightdome": __version__}, "options": {"counts": [64]}}
+
+
+@pytest.mark.parametrize(
+    ("there", "reason"),
+    [
+        (("other",), "map.sha256 is another"),
+        (("ours", "0.0.1"), "versions.lightdome is another"),
+        (None, ""),
+    ],
+)
+def test_results_of_another_map_or_version_are_made_again(
+    the_script: ModuleType,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    there: tuple[str, ...] | None,
+    reason: str,
+) -> None:
+    asked = []
+
+    def run(script: str, *options: object) -> int:
+        asked.append((script, *options))
+        leave(tmp_path / "report" / "part2", "ours")
+        return 0
+
+    monkeypatch.setattr(the_script, "run", run)
+    if there:
+        leave(tmp_path / "part2", *there)
+    runs = the_script.Runs(tmp_path / "report")
+    for _ in range(2):  # the second time it is there
+        runs.need("part2", "part2_sample.py", settings.NAME, WANTED, "--seed", 0)
+    assert asked == [("part2_sample.py", "--seed", 0, "--out", tmp_path / "report" / "part2")]
+    assert runs.folders["part2"] == tmp_path / "report" / "part2"
+    assert reason in capsys.readouterr().out
+
+
+def test_images_that_changed_since_are_not_taken(
+    the_script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(the_script, "run", lambda *_: 3)
+    leave(tmp_path / "part2", "ours")
+    runs = the_script.Runs(tmp_path / "report")
+    runs.need("part2", "part2_sample.py", settings.NAME, WANTED)
+    (tmp_path / "part2" / "em.pfm").write_text("of another map")
+    with pytest.raises(SystemExit) as exit_:
+        runs.need("part2", "part2_sample.py", settings.NAME, WANTED)
+    assert exit_.value.code == 3
+
+
+def test_an_error_that_pixels_share_stays_and_noise_goes() -> None:
+    exact = np.ones((64, 64, 3), np.float32)
+    noise = exact.copy()
+    noise[::2, ::2] += 0.2
+    noise[1::2, 1::2] -= 0.2  # the mean of every 2 x 2 pixels is right
+    for side in (1, 2, 8):
+        assert left_after_averaging(exact * 1.1, exact, side) == pytest.approx(0.1, rel=1e-5)
+    inside = disc_mask(64)
+    assert left_after_averaging(noise, exact, 1) == pytest.approx(np.sqrt(((noise - exact)[inside] ** 2).mean()))
+    assert left_after_averaging(noise, exact, 2) == pytest.approx(0, abs=1e-7)
+    assert np.isnan(left_after_averaging(noise, exact, 64))
+
+
+@pytest.mark.parametrize("scale", [1e-40, 1e33, 1e38])
+def test_pictures_of_a_tiny_or_a_huge_map_tell_its_error(scale: float) -> None:
+    exact = np.where(disc_mask(33)[..., None], np.float32(scale), np.float32(0)).repeat(3, axis=2)
+    images = {"a": exact * np.float32(1.5)}
+    titles = [axes.get_title() for axes in benchmark_plot.images(images, exact, "").axes]
+    assert "50.00 %" in titles
+    signed, *_ = report_figures.bias_and_noise(("a", images["a"]), ("b", exact), exact).axes
+    assert np.nanmax(signed.images[0].get_array()) == pytest.approx(50, rel=1e-4)
+
+
+def results_of(made: Path) -> report.Results:
+    folders = {name: made / "report" / name for name in ("part1", "part2", "part3", "part4")}
+    folders |= {name: made / name for name in ("bench", "stability")}
+    records = {name: f"{name}.json" if name in ("bench", "stability") else settings.NAME for name in folders}
+    return report.Results(folders, {name: settings.read(folders[name] / records[name]) for name in folders})
+
+
+def test_the_numbers_are_those_of_the_runs(device: Device, small_map: Path, made: Path) -> None:
+    envmap, results = EnvironmentMap.read(small_map), results_of(made)
+    images = report.load_images(device, envmap, results)
+    d = report.numbers(envmap, small_map.name, results, images)
+    json.dumps(d, allow_nan=False)
+
+    # Our `light` sees centres of pixels, a PBRT, which may be installed here, areas.
+    assert (images.exact_per_pixel is images.exact) == (results.settings["part4"]["pbrt"] is None)
+    by_pbrt = report.Results(
+        results.folders, results.settings | {"part4": results.settings["part4"] | {"pbrt": "PBRT-v4"}}
+    )
+    areas = exact_image(device, envmap, 255, pixels="areas")
+    np.testing.assert_array_equal(report.load_images(device, envmap, by_pbrt).exact_per_pixel, areas)
+    mask = disc_mask(255)
+    for rows, of_kind, exact in (
+        (d["shared"], images.shared, images.exact),
+        (d["per_pixel"], images.per_pixel, images.exact_per_pixel),
+    ):
+        for row, (n, image) in zip(rows, of_kind.items(), strict=True):
+            difference = image[mask].astype(np.float64) - exact[mask]
+            rmse = np.sqrt((difference**2).mean() / (exact[mask].astype(np.float64) ** 2).mean())
+            assert int(row[0]) == n
+            assert float(row[1]) == pytest.approx(100 * rmse, rel=0.01)
+            assert float(row[2]) == pytest.approx(100 * np.abs(difference).max() / exact.max(), rel=0.01)
+            assert float(row[3]) == pytest.approx(100 * difference.mean() / exact[mask].mean(), abs=0.001)
+    for n, different, *_, drawn in d["drawn"]:
+        with np.load(results.folders["part2"] / f"samples_{n}.npz") as samples:
+            pixels = list(map(tuple, samples["pixel"]))
+            likeliest = pixels[samples["probability"].argmax()]
+        assert (len(set(pixels)), pixels.count(likeliest)) == (int(different), int(drawn))
+    assert d["fresnel"]["brewster_entering_deg"] == "54.4623"
+    assert d["renderer"] == results.settings["part4"]["pbrt"]
+    assert d["bench"]["absent"] == ["pbrt (no pbrt on PATH)"]
+    assert d["seeds"][0][:3] == ["independent", "4", "2"]
+    # Parts 2 and 3 share their samples: their errors hardly fall; those of part 4 do.
+    fallen = {name: float(times) for name, *_, times in d["averaging"]}
+    assert fallen["64 shared"] < 2 < 5 < fallen["64 a pixel"]
+
+
+def test_the_stability_table_shows_failures_and_peers_beside_them(made: Path) -> None:
+    found = report._stability(results_of(made).settings["stability"])
+    assert (found["holds"], found["fails"], found["skipped"]) == (2, 1, 1)
+    rows = found["own"]["rows"]
+    assert [(row["case"], row["note"]) for row in rows[2:]] == [("NaN", "FAILS"), ("too large", "skipped")]
+    first = {name: cell for (name, *_), cell in zip(found["own"]["columns"], rows[2]["cells"], strict=True)}
+    assert first["p"]["text"] == "NaN"
+    assert first["p"]["dark"]
+    assert first["sum"]["text"] == ""
+    (peer,) = found["peers"]
+    assert (peer["program"], [name for name, *_ in peer["columns"]]) == ("mitsuba", ["p"])
+    assert [(row["case"], row["note"], row["cells"][0]["text"]) for row in peer["rows"]] == [("NaN", "", "1")]
+
+
+def test_the_renderer_and_other_programs_are_named(
+    device: Device, small_map: Path, made: Path, figures: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(report, "_draw", lambda *arguments: shutil.copytree(figures, arguments[-1], dirs_exist_ok=True))
+    envmap, ours = EnvironmentMap.read(small_map), results_of(made)
+    part4 = {**ours.settings["part4"], "pbrt": "PBRT-v4", "device": None}
+    theirs = report.Results(ours.folders, {**ours.settings, "part4": part4})
+    d = report.numbers(envmap, small_map.name, theirs, report.load_images(device, envmap, theirs))
+    assert d["renderer"] == "PBRT-v4"
+    for agreeing in (
+        (["part1", "part4"], "no OpenCL device"),
+        (["part4"], "PBRT-v4"),
+        (["stability"], "mitsuba (mitsuba 3.9.1)"),
+    ):
+        assert agreeing in d["made_with"]
+    report.write(device, envmap, small_map.name, theirs, tmp_path)
+    assert (tmp_path / report.PDF).read_bytes() != (made / "report" / report.PDF).read_bytes()
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_other_programs_that_are_there_are_measured(
+    the_script: ModuleType, small_map: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, there: bool
+) -> None:
+    asked: dict[str, list[str]] = {}
+
+    class Runs:
+        def __init__(self, out: Path) -> None:
+            self.folders = {"part2": out}
+            part4 = {"pbrt": "PBRT-v4" if there else None, "options": {"pbrt": "/opt/pbrt" if there else None}}
+            self.settings = {"part2": {"files": defaultdict(str)}, "part4": part4}
+
+        def need(self, name: str, script: str, record: str, wanted: object, *options: object) -> None:
+            asked[name] = [str(option) for option in options]
+
+    monkeypatch.setattr(the_script, "Runs", Runs)
+    monkeypatch.setattr(report, "write", lambda *_: 0)
+    monkeypatch.setattr(peer_mitsuba, "installed", lambda: there)
+    options = argparse.Namespace(
+        map=small_map, layer=None, flip=False, out=tmp_path, device=None, quick=True, sanitize=False, pbrt=None
+    )
+    the_script.make(options)
+    assert ("mitsuba" in asked["stability"], "mitsuba" in asked["bench"], "pbrt" in asked["bench"]) == (there,) * 3
+    assert "numpy" in asked["bench"]
+    assert asked["bench"][-2:] == ["--pbrt", "/opt/pbrt"] or not there
+
+
+def test_a_map_behind_the_sphere_is_refused(device: Device, made: Path, tmp_path: Path) -> None:
+    radiance = np.zeros((1, 2, 3), np.float32)
+    radiance[0, 1] = 1  # its centre is -z exactly
+    with pytest.raises(LightdomeError, match="no light of this map"):
+        report.write(device, EnvironmentMap(radiance), "behind", results_of(made), tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_pbrt_that_is_not_there_costs_no_work(script: Script, tmp_path: Path) -> None:
+    result = script("report", "--quick", "--pbrt", tmp_path / "nowhere", "--out", tmp_path / "out")
+    fails_in_one_line(result, "nowhere")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_missing_extra_is_one_line(script: Script, tmp_path: Path) -> None:
+    (tmp_path / "typst.py").write_text("raise ImportError('not installed')\n")
+    result = script("report", "--quick", "--out", tmp_path / "out", PYTHONPATH=str(tmp_path))
+    fails_in_one_line(result, "pip install 'lightdome[report]'")
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_a_script_refuses_is_one_line_and_ends_the_report(script: Script, made: Path, tmp_path: Path) -> None:
+    shutil.copytree(made / "report" / "part1", tmp_path / "out" / "part1")
+    write_image(tmp_path / "black.pfm", np.zeros((8, 16, 3), np.float32))
+    result = script("report", "--quick", "--map", tmp_path / "black.pfm", "--out", tmp_path / "out" / "report")
+    fails_in_one_line(result, "black everywhere")
+    assert not (tmp_path / "out" / "report" / "report.pdf").exists()

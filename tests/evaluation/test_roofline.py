@@ -1,0 +1,179 @@
+"""The limits are those of kernels that do their work, and stages are held against them by honest counts."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import module_of, stiff_radiance
+from lightdome import reference
+from lightdome.disc import disc_mask
+from lightdome.evaluation import roofline
+from lightdome.evaluation.roofline import Limits, Measurement, Timing
+from lightdome.evaluation.roofline_stages import MADE, MapStages, Stage, Work, harmonics, made_map, shading
+from lightdome.maps.envmap import EnvironmentMap
+from lightdome.maps.geometry import row_angles
+from lightdome.maps.images import write_image
+from lightdome.opencl.device import Device
+from lightdome.sampling.distribution import build_distribution
+
+LIMITS = Limits({2**20: 80e9, 2**30: 20e9}, 100e9, 1e-5)
+EVERY_STAGE = {
+    *(
+        "row cdf",
+        "marginal cdf",
+        "guide",
+        "sample",
+        "sample pixels",
+        "median cut",
+        "exact",
+        "light",
+        "bsdf",
+        "mis",
+        "product",
+    ),
+    *("shade", "shade brute force", "harmonics project", "harmonics shade"),
+}
+
+
+def point(stage: str, seconds: float, map: str = MADE, height: int = 8, resolution: int = 4, N: int = 2) -> Measurement:
+    work = Work(1e6, 1e6, 1.0, "samples")
+    timing = Timing(Stage(stage, print, work, None, map, (height, 2 * height), resolution, N), seconds, 0.0, 1, None)
+    return roofline.rated(timing, LIMITS)
+
+
+@pytest.mark.parametrize("size", [2**15, 3 * 2**15])
+def test_the_copy_copies_every_byte(device: Device, size: int) -> None:
+    copied, seconds = roofline.copy(device, size)
+    assert copied.nbytes == size
+    assert (copied == 1.5).all()
+    assert seconds > 0
+
+
+@pytest.mark.parametrize("steps", [0, 1, 1000])
+def test_every_chain_of_multiply_adds_takes_every_step(device: Device, steps: int) -> None:
+    sums, seconds = roofline.multiply_add(device, steps)
+    chains = 1 if device.is_gpu else roofline.CHAINS
+    starts = np.arange(16 * chains).reshape(chains, 16)
+    assert (sums == (starts + steps).sum(axis=0)).all()
+    assert seconds > 0
+
+
+def test_bandwidth_is_that_of_a_copy_of_the_same_size() -> None:
+    assert LIMITS.bandwidth(2**20) == pytest.approx(80e9)
+    assert LIMITS.bandwidth(2**25) == pytest.approx(50e9)
+    assert LIMITS.bandwidth(1) == pytest.approx(80e9)
+    assert LIMITS.bandwidth(2**40) == pytest.approx(20e9)
+    other = Limits({2**20: 70e9, 2**30: 30e9}, 90e9, 2e-5)
+    assert LIMITS.best(other) == other.best(LIMITS) == Limits({2**20: 80e9, 2**30: 30e9}, 100e9, 1e-5)
+
+
+def test_shares_are_of_the_limit_that_binds() -> None:
+    moving = Stage("moving", print, Work(2**30, 1e9, 5.0, "pixels"))
+    rated = roofline.rated(Timing(moving, 0.1, 0.0, 1, None), LIMITS)
+    assert rated.bandwidth_share == pytest.approx(2**30 / 20e9 / 0.1)
+    assert rated.multiply_add_share == pytest.approx(0.1)
+    assert (rated.bound, rated.bound_share) == ("bandwidth", rated.bandwidth_share)
+    assert rated.rate == pytest.approx(50)
+    beside = roofline.rated(Timing(moving, 0.1, 0.0, 1, None, bandwidth=12e9), LIMITS)
+    assert beside.bandwidth_share == pytest.approx(2**30 / 12e9 / 0.1)
+    pairs = Work(2**20, 7e9, 1e9, "pairs", pairs=1e9, skips=True)
+    rated = roofline.rated(Timing(replace(moving, work=pairs), 0.01, 0.0, 1, None), LIMITS)
+    assert (rated.bound, rated.counted) == ("multiply-add", "brute force")
+    assert rated.bound_share == rated.brute_force_ratio == pytest.approx(7)
+
+
+def test_exponents_are_those_that_were_put_in() -> None:
+    assert roofline.exponent([1, 10, 100], [3, 3 * 10**1.5, 3000]) == pytest.approx(1.5)
+    assert roofline.exponent([4, 4], [1, 2]) is None
+    assert roofline.exponent([1, 2], [0, 1]) is None
+    points = [point("a", h**-2.5, height=h) for h in (8, 16, 64)]
+    points += [point("a", r, map="photo", resolution=r) for r in (2, 4, 8)]
+    points += [point("b", 1, N=n) for n in (2, 20)]
+    found = roofline.exponents(points)
+    assert found["map"] == {"a": pytest.approx(-1.25)}
+    assert found["resolution"] == {"a": pytest.approx(0.5)}
+    assert found["N"] == {"b": pytest.approx(0)}
+
+
+def test_memory_that_a_run_takes_is_seen_although_it_is_free_again(device: Device) -> None:
+    if not Path("/proc/self/clear_refs").exists():
+        pytest.skip("this system does not tell the peak of a process's memory")
+    for mib in (40, 160):  # more than malloc may have kept from tests before
+        stage = Stage("taking", lambda mib=mib: np.ones(mib << 17), Work(1, 1, 1, "samples"))
+        peak = roofline.measure(device, stage, 1).peak_bytes
+        # A busy system takes and gives back pages of its own accord, but not half of them.
+        assert mib / 2 < peak / 2**20 < 2 * mib
+
+
+def test_a_stage_beside_a_copy_is_held_against_it(device: Device) -> None:
+    stages = [
+        Stage("known", lambda: None, Work(2**18, 1, 1, "pixels"), events=(), beside_copy=b) for b in (True, False)
+    ]
+    beside, alone = (roofline.measure(device, stage, 3) for stage in stages)
+    assert beside.bandwidth > 0
+    assert beside.seconds == 0  # the copy's time is not the stage's
+    assert alone.bandwidth is None
+
+
+def test_pairs_and_arcs_are_those_of_the_sphere(device: Device) -> None:
+    resolution, envmap = 33, EnvironmentMap(stiff_radiance(64, 128))
+    disc = disc_mask(resolution)
+    fast, brute = shading(device, build_distribution(device, envmap), 5, resolution)
+    assert fast.work.pairs == brute.work.pairs == 5 * disc.sum()
+    assert fast.work.operations == brute.work.operations == 7 * 5 * disc.sum()
+
+    (exact, *_) = MapStages(device, envmap, "stiff").images(resolution)
+    assert exact.work.pairs == disc.sum() * 64 * 128
+    # Rows that a pixel's horizon cuts have lights on both sides of it.
+    theta, phi = row_angles(64)[:, None], np.linspace(0, 2 * np.pi, 721)
+    w = np.stack(np.broadcast_arrays(np.sin(theta) * np.cos(phi), np.cos(theta), np.sin(theta) * np.sin(phi)), axis=-1)
+    cosine = np.einsum("hwk,nk->nhw", w, reference.normals(resolution)[disc])
+    cut = (cosine.min(axis=2) < 0) & (cosine.max(axis=2) > 0)
+    arcs = (exact.work.operations - 9 * 64 * 128) / 18
+    assert arcs == pytest.approx(cut.sum(), rel=0.02)
+
+
+def test_a_made_map_is_of_its_size_and_no_two_rows_are_alike() -> None:
+    for height in (3, 600, 1024):
+        radiance = made_map(height).radiance
+        assert radiance.shape == (height, 2 * height, 3)
+        assert len(np.unique(radiance.sum(axis=(1, 2)))) == height
+
+
+def test_harmonics_count_their_terms(device: Device) -> None:
+    # Orders 0, 1 and the even ones: 6 multiply-adds for each (l, m), 3 for m = 0; 2 for each Legendre function.
+    filtered = sum(3 + 6 * n for n in (0, 1, 2, 4, 6, 8, 10))
+    assert harmonics(device, 33).work.operations == (filtered + 2 * 66) * disc_mask(33).sum()
+
+
+def test_the_script_holds_every_stage_against_its_limit(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    write_image(tmp_path / "map.pfm", stiff_radiance(16, 32))
+    out = tmp_path / "out"
+    options = ["--roofline", "--quick", "--resolution", "17", "--repeats", "2"]
+    monkeypatch.setattr(sys, "argv", ["bench.py", *options, "--map", str(tmp_path / "map.pfm"), "--out", str(out)])
+    monkeypatch.setattr(roofline, "COPY_BYTES", (2**16, 2**18))
+    bench = module_of("bench")
+    monkeypatch.setattr(bench, "ROOFLINE_QUICK", ((16, 32), (33,), (4, 64)))
+    bench.main()
+
+    with (out / "roofline.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    data = json.loads((out / "roofline.json").read_text())
+    assert len(rows) == len(data["measurements"])
+    assert {row["stage"] for row in rows} == EVERY_STAGE
+    for row, measured in zip(rows, data["measurements"], strict=True):
+        for share in ("bandwidth_share", "multiply_add_share", "bound_share"):
+            assert float(row[share]) == measured[share] > 0
+    assert {row["resolution"] for row in rows if row["stage"] == "exact"} == {"17", "33"}
+    assert {row["N"] for row in rows if row["stage"] == "sample"} == {"4", "64"}
+    assert {row["height"] for row in rows if row["stage"] == "row cdf"} == {"16", "32"}
+    assert data["limits"]["before"]["launch_seconds"] > 0
+    assert set(data["exponents"]) == {"map", "resolution", "N"}
+    pictures = {"roofline.png", "roofline_scaling.png"}
+    assert {p.name for p in out.iterdir()} == {"roofline.csv", "roofline.json"} | pictures

@@ -1,0 +1,107 @@
+"""What tests share: paths, small maps, devices of other shapes, and ways to run commands and scripts."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+from lightdome.opencl.device import Device
+from lightdome.opencl.programs import Programs
+
+ROOT = Path(__file__).resolve().parent.parent
+LONG = 600.0  # seconds in which a child that does not hang has ended, however slow or shared the machine is
+GRACE = Path(os.environ.get("LIGHTDOME_GRACE", ROOT / "data" / "grace_latlong.exr"))
+
+
+class SmallLaunches:
+    """Of a device: launches have three work-items at most, or three samples per pixel. All work is long work."""
+
+    def items_a_launch(self, work: int, work_an_item: int) -> int:
+        return 3
+
+
+@dataclass(frozen=True)
+class GpuShaped(Device):
+    """A device that says it is a GPU: kernels take that shape, and nothing stays in the host's memory."""
+
+    shares_host_memory = False
+
+    @property
+    def is_gpu(self) -> bool:
+        return True
+
+
+def with_small_launches(device: Device) -> Device:
+    """``device``, with its shape and its kernels, and with :class:`SmallLaunches`."""
+    kind = type("SmallLaunchesOf", (SmallLaunches, type(device)), {})
+    return kind(**{f.name: getattr(device, f.name) for f in fields(device)})
+
+
+def in_gpu_shape(device: Device) -> Device:
+    """``device`` as :class:`GpuShaped`; its kernels are compiled as for a GPU."""
+    programs = Programs(device.context, FUSED=int(device.rates.is_fused))
+    return GpuShaped(**{f.name: getattr(device, f.name) for f in fields(device)} | {"programs": programs})
+
+
+def stiff_radiance(height: int, width: int, seed: int = 1) -> np.ndarray:
+    """Log-normal noise of a large spread, with black pixels, a black row and coloured light."""
+    rng = np.random.default_rng(seed)
+    radiance = np.exp(rng.normal(0, 3, (height, width, 3))).astype(np.float32)
+    radiance[rng.random((height, width)) < 0.2] = 0
+    if height > 2:
+        radiance[1] = 0
+    return radiance
+
+
+# The first lines of a Python program that a test writes: a path with a space cannot follow #! itself.
+PYTHON_PROGRAM = f"""#!/bin/sh
+''':'
+exec "{sys.executable}" "$0" "$@"
+'''
+"""
+
+Script = Callable[..., subprocess.CompletedProcess[str]]
+
+
+def fails_in_one_line(result: subprocess.CompletedProcess[str], *words: str) -> None:
+    """Assert the manners of a user's mistake: exit status 1, one line that holds ``words``."""
+    assert result.returncode == 1, result.stderr
+    assert "Traceback" not in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1, result.stderr
+    for word in words:
+        assert word in result.stderr
+
+
+COMMANDS = [
+    path.stem for path in sorted((ROOT / "pyhost" / "commands").glob("*.py")) if (ROOT / "scripts" / path.name).exists()
+]
+
+
+def script_path(name: str) -> Path:
+    """The file of a script, in scripts/ or beside the map that it makes."""
+    (path,) = (path for path in (ROOT / "scripts" / f"{name}.py", ROOT / "data" / f"{name}.py") if path.exists())
+    return path
+
+
+def module_of(name: str) -> ModuleType:
+    """The module of a command, or of a program that is only a script: get_grace, get_pbrt, make_default_map."""
+    if name in COMMANDS:
+        return import_module(f"lightdome.commands.{name}")
+    path = script_path(name)
+    if str(path.parent) not in sys.path:
+        sys.path.append(str(path.parent))
+    spec = importlib.util.spec_from_file_location(f"script_{name}", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    return module

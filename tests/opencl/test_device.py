@@ -1,0 +1,366 @@
+"""Devices are chosen by what works, programs are built once, stages are timed by name."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from itertools import permutations
+from pathlib import Path
+
+import numpy as np
+import pyopencl as cl
+import pytest
+from helpers import stiff_radiance
+from lightdome.errors import LightdomeError
+from lightdome.lighting.shade import shade_samples
+from lightdome.maps.envmap import EnvironmentMap
+from lightdome.opencl import device as device_module
+from lightdome.opencl import memory, probe
+from lightdome.opencl.device import Device, open_device
+from lightdome.opencl.programs import Programs, source
+from lightdome.opencl.rates import Rates
+from lightdome.rendering.per_pixel import ESTIMATORS, render
+from lightdome.sampling.distribution import build_distribution
+
+
+def test_a_device_is_found_by_part_of_its_name(device: Device) -> None:
+    name = device.handle.name
+    assert open_device(name[:6].upper()).handle.name == name
+    assert open_device(f"{device.handle.platform.name}:0").handle.platform == device.handle.platform
+
+
+def test_a_device_is_found_by_every_name_that_is_shown(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    handle, platform = device.handle, device.handle.platform
+    of_platform = (platform.name, platform.vendor, platform.version)
+    of_device = (handle.name, handle.vendor, handle.version, handle.driver_version)
+    words = re.findall(r"[A-Za-z]\w{2,}", device.description)
+    assert len(words) > 2
+    for name in (device.description, *of_platform, *of_device, *words):
+        if not name.isdecimal():
+            assert open_device(name.upper()).handle.platform.name, name
+            assert name.lower() in shown(open_device(name.swapcase())), name
+    for first in (*of_platform, str(cl.get_platforms().index(platform))):
+        for second in (*of_device, str(platform.get_devices().index(handle))):
+            if ":" not in first:
+                assert open_device(f"{first.lower()}:{second.lower()}").handle == handle
+    listed = f"{cl.get_platforms().index(platform)}:{platform.get_devices().index(handle)} {device.description}"
+    assert open_device(listed).handle == handle
+    monkeypatch.setenv("PYOPENCL_CTX", words[-1].upper())
+    assert words[-1].lower() in shown(open_device())
+
+
+def shown(device: Device) -> str:
+    """All that is said of a device, in small letters."""
+    handle, platform = device.handle, device.handle.platform
+    names = (device.description, platform.name, platform.vendor, platform.version)
+    return " ".join((*names, handle.name, handle.vendor, handle.version, handle.driver_version)).lower()
+
+
+@pytest.mark.parametrize("asked", ["pocl", "POCL", "PoCL:0", "pocl:pthread", "Portable:pocl"])
+def test_pocl_is_found_by_the_name_that_all_know_it_by(device: Device, asked: str) -> None:
+    if "PoCL" not in device.description:
+        pytest.skip("needs PoCL")
+    assert "PoCL" in open_device(asked).description
+
+
+@pytest.mark.parametrize("asked", ["9" * 5000, "77", "77:0", "0:77", "²", "pocl:Voodoo"])
+def test_numbers_and_names_of_no_device_are_one_line(asked: str) -> None:
+    with pytest.raises(LightdomeError, match="no OpenCL device matches"):
+        open_device(asked)
+
+
+def test_pyopencl_ctx_is_followed_and_the_argument_goes_first(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYOPENCL_CTX", "no such thing")
+    with pytest.raises(LightdomeError, match="no such thing"):
+        open_device()
+    assert open_device(device.handle.name).handle == device.handle
+    index = cl.get_platforms().index(device.handle.platform)
+    monkeypatch.setenv("PYOPENCL_CTX", str(index))
+    assert open_device().handle == device.handle
+
+
+def test_an_unknown_device_is_named_with_what_there_is(device: Device) -> None:
+    with pytest.raises(LightdomeError, match="no OpenCL device matches 'Voodoo 2'") as error:
+        open_device("Voodoo 2")
+    assert device.handle.name.strip() in str(error.value)
+
+
+def test_a_device_that_fails_the_probe_does_not_count(
+    device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    # The child finds no lightdome to import: as good as a compiler that aborts.
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    with pytest.raises(LightdomeError, match="no OpenCL device works here"):
+        open_device()
+    with pytest.raises(LightdomeError, match="does not compile and run"):
+        open_device(device.handle.name)
+    assert not list(tmp_path.rglob("*"))
+
+
+def test_a_device_that_passed_the_probe_is_remembered(
+    device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert open_device(device.handle.name).handle == device.handle
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    assert open_device(device.handle.name).handle == device.handle
+
+
+def test_the_probe_lists_devices_with_their_rates_and_the_one_that_is_taken_first(device: Device) -> None:
+    result = subprocess.run([sys.executable, "-m", "lightdome.probe"], capture_output=True, text=True)
+    assert result.returncode == 0
+    taken, why, _, *table = result.stdout.splitlines()
+    assert taken == open_device().description
+    assert why.startswith("taken (*): ")
+    (row,) = (line for line in table if line.startswith("*"))
+    assert f"{1e-9 * device.rates.multiply_adds:.0f} G/s" in row
+    assert row.endswith(taken)
+
+
+def test_the_probe_of_a_device_prints_its_rates(device: Device) -> None:
+    platform = cl.get_platforms().index(device.handle.platform)
+    index = device.handle.platform.get_devices().index(device.handle)
+    command = [sys.executable, "-m", "lightdome.probe", str(platform), str(index)]
+    result = subprocess.run(command, capture_output=True, text=True)
+    rates = Rates.from_json(json.loads(result.stdout))
+    assert rates.multiply_adds > 1e8
+    assert (rates.transfers is None) == device.shares_host_memory
+
+
+FAST = Rates(fused=2e11, plain=1e11, copies=5e10, transfers=None, launches=1e5, numpy=1e11)
+
+
+class Machine:
+    """A machine of devices whose rates, or failures, are made up; ``probed`` counts their probes."""
+
+    def __init__(self, handle: cl.Device, monkeypatch: pytest.MonkeyPatch, *devices: Rates | str) -> None:
+        self.devices = list(devices)
+        self.probed = [0] * len(devices)
+
+        class Numbered:
+            def __init__(self, number: int) -> None:
+                self.driver_version = f"driver {number}"
+
+            def __getattr__(self, name: str) -> object:
+                return getattr(handle, name)
+
+        found = [device_module._Candidate(0, number, Numbered(number)) for number in range(len(devices))]
+        monkeypatch.setattr(device_module, "_candidates", lambda: found)
+        monkeypatch.setattr(device_module, "_open", lambda trial: trial.candidate.index)
+        monkeypatch.setattr(subprocess, "run", self.run)
+
+    def run(self, command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
+        """The child process of the probe."""
+        number = int(command[-1])
+        self.probed[number] += 1
+        does = self.devices[number]
+        if isinstance(does, str):
+            return subprocess.CompletedProcess(command, 1, "", f"probe: the device fails: {does}\n")
+        return subprocess.CompletedProcess(command, 0, json.dumps(does.to_json()) + "\n", "")
+
+
+def test_the_fastest_device_is_taken(device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv("PYOPENCL_CTX", raising=False)
+    slow = replace(FAST, fused=5e10, plain=5e10)
+    far = replace(FAST, fused=1e13, plain=1e13, transfers=1e8)  # a quick GPU at the end of a slow bus
+    near = replace(FAST, fused=1e13, plain=1e13, transfers=2e10)
+    for devices, taken in (
+        ((slow, FAST, "broken"), 1),
+        ((FAST, far), 0),
+        ((FAST, near), 1),
+        ((replace(FAST, launches=1e3), FAST), 1),
+        ((replace(FAST, copies=1e9), FAST), 1),
+    ):
+        Machine(device.handle, monkeypatch, *devices)
+        assert open_device() == taken
+        for record in tmp_path.rglob("*.json"):
+            record.unlink()
+
+
+@pytest.mark.parametrize("asked", [None, "driver"])
+def test_the_order_of_devices_does_not_choose(
+    device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, asked: str | None
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv("PYOPENCL_CTX", raising=False)
+    # An old implementation, one that is newer and slower, the fastest, and one that does not work.
+    kinds = (replace(FAST, fused=5e10, plain=5e10), replace(FAST, fused=4e10, plain=4e10), FAST, "broken")
+    for devices in permutations(kinds):
+        for record in tmp_path.rglob("*.json"):
+            record.unlink()
+        Machine(device.handle, monkeypatch, *devices)
+        for _ in range(2):  # from new probes, and from what is remembered
+            assert open_device(asked) == devices.index(FAST)
+        for number, does in enumerate(devices):
+            if does != "broken":
+                assert open_device(f"driver {number}") == number
+
+
+def test_an_index_is_not_the_beginning_of_another(
+    device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    slow = replace(FAST, fused=5e10, plain=5e10)
+    Machine(device.handle, monkeypatch, *[slow] * 10, FAST)
+    assert [open_device("0:1"), open_device("0:01"), open_device("0:10")] == [1, 1, 10]
+
+
+def test_a_failure_is_remembered_for_a_day_where_another_device_works(
+    device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv("PYOPENCL_CTX", raising=False)
+    machine = Machine(device.handle, monkeypatch, "broken", FAST)
+    assert [open_device(), open_device()] == [1, 1]
+    assert machine.probed == [1, 1]
+    for record in tmp_path.rglob("*.json"):
+        if "broken" in record.read_text():
+            os.utime(record, (0, 0))
+    open_device()
+    assert machine.probed == [2, 1]
+    # Asked for by name, a device is tried again.
+    machine.devices[0] = FAST
+    assert open_device("0:0") == 0
+
+
+def test_kernels_fuse_multiply_adds_where_that_is_not_slower() -> None:
+    assert FAST.is_fused
+    assert FAST.multiply_adds == FAST.fused
+    emulated = replace(FAST, fused=1.3e10, plain=6.5e10)
+    assert not emulated.is_fused
+    assert emulated.multiply_adds == emulated.plain
+
+
+def test_both_spellings_of_a_multiply_add_give_the_same_samples_and_nearly_the_same_image(device: Device) -> None:
+    images, pixels = [], []
+    for fused in (0, 1):
+        other = replace(device, programs=Programs(device.context, FUSED=fused))
+        distribution = build_distribution(other, EnvironmentMap(stiff_radiance(21, 43)))
+        samples = distribution.sample(1000, sequence="sobol")
+        pixels.append(samples.pixel)
+        images.append(shade_samples(other, samples, 33))
+    np.testing.assert_array_equal(*pixels)
+    np.testing.assert_allclose(*images, atol=1e-5 * images[0].max())
+    assert not np.array_equal(*images)
+
+
+@pytest.mark.parametrize("fused", [0, 1])
+def test_kernels_are_built_for_the_measured_spelling(
+    device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, fused: int
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    answer = json.dumps((FAST if fused else replace(FAST, fused=1e10)).to_json())
+    monkeypatch.setattr(
+        subprocess, "run", lambda command, **_: subprocess.CompletedProcess(command, 0, answer, stderr="")
+    )
+    opened = open_device(device.description)
+    samples = build_distribution(device, EnvironmentMap(stiff_radiance(21, 43))).sample(1000)
+    expected = replace(device, programs=Programs(device.context, FUSED=fused))
+    np.testing.assert_array_equal(shade_samples(opened, samples, 33), shade_samples(expected, samples, 33))
+
+
+def test_kernels_ask_only_a_cpu_for_functions_that_are_not_in_opencl(device: Device) -> None:
+    """Some GPUs' compilers list Clang's functions, and refuse them for global memory."""
+    absent = {"__builtin_prefetch": "not_here", "__builtin_nontemporal_store": "not_here"}
+    other = replace(device, programs=Programs(device.context, FUSED=1, **absent))
+    distribution = build_distribution(other, EnvironmentMap(stiff_radiance(21, 43)))
+    distribution.sample(1000)
+    for estimator in ESTIMATORS:
+        list(render(distribution, [2], 17, estimator=estimator))
+    with pytest.raises(LightdomeError, match="refuses"):
+        Programs(device.context, FUSED=1, CPU=1, **absent).kernel("sampling/row_cdf")
+
+
+def test_a_slow_device_has_a_note_that_says_what_to_install(device: Device) -> None:
+    assert replace(device, rates=FAST).note is None
+    note = replace(device, rates=replace(FAST, fused=1e10, plain=2e10)).note
+    assert "does 20 G multiply-adds a second, less than a third of numpy's 100 G" in note
+    assert "apt-get install pocl-opencl-icd" in note
+
+
+@pytest.mark.parametrize(
+    "record",
+    ["", "{", "[]", "{}", '{"rates": {"fused": 1}}', json.dumps({"rates": FAST.to_json() | {"plain": -1}})],
+)
+def test_a_damaged_record_of_a_device_is_made_again(
+    device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, record: str
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv("PYOPENCL_CTX", raising=False)
+    machine = Machine(device.handle, monkeypatch, FAST)
+    open_device()
+    (path,) = tmp_path.rglob("*.json")
+    whole = path.read_text()
+    path.write_text(record)
+    assert open_device() == 0
+    assert machine.probed == [2]
+    assert path.read_text() == whole
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "said"),
+    [
+        ("--help", 0, "usage: python -m lightdome.probe"),
+        ("0", 2, "expected"),
+        ("a b", 2, "'a'"),
+        ("0 0 0", 2, "usage"),
+        ("0 1.5", 2, "'1.5'"),
+        ("0 999", 1, "no OpenCL device 0 999"),
+        ("999 0", 1, "no OpenCL device 999 0"),
+        ("-1 0", 1, "no OpenCL device -1 0"),
+    ],
+)
+def test_the_probe_has_a_command_line(arguments: str, status: int, said: str) -> None:
+    command = [sys.executable, "-m", "lightdome.probe", *arguments.split()]
+    result = subprocess.run(command, capture_output=True, text=True)
+    assert result.returncode == status
+    assert said in result.stdout + result.stderr
+    assert "Traceback" not in result.stderr
+    assert status != 1 or result.stderr.count("\n") == 1
+
+
+def test_the_probe_says_why_a_device_fails_in_one_line(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    platform = cl.get_platforms().index(device.handle.platform)
+    monkeypatch.setattr(probe, "_SOURCE", "kernel void probe(global float *a) { undeclared; }")
+    with pytest.raises(LightdomeError, match="undeclared") as error:
+        probe.probe(platform, device.handle.platform.get_devices().index(device.handle))
+    assert "\n" not in str(error.value)
+
+
+def test_a_kernel_is_built_once_per_set_of_defines(device: Device) -> None:
+    programs = Programs(device.context)
+    kernel = programs.kernel("lighting/shade", PIXELS=1, ROWS=1)
+    assert programs.kernel("lighting/shade", ROWS=1, PIXELS=1) is kernel
+    assert programs.kernel("lighting/shade", PIXELS=1, ROWS=2) is not kernel
+
+
+def test_a_build_that_fails_is_one_line(device: Device) -> None:
+    with pytest.raises(LightdomeError, match=r"refuses clkernels/lighting/shade\.cl") as error:
+        Programs(device.context).kernel("lighting/shade", PIXELS=3, ROWS=1)
+    assert "\n" not in str(error.value)
+
+
+def test_a_header_is_inlined_once() -> None:
+    text = source("sampling/row_cdf.cl")
+    assert '#include "' not in text
+    assert text.count("#define TWO_SUM") == 1
+    # An include path with a space in it, as of a clone in such a folder, is lost on PoCL's compiler.
+    assert "#include <pyopencl" not in source("sampling/sample.cl")
+    assert source("sampling/sample.cl").count("#define PHILOX_M4x32_0") == 1
+
+
+def test_stages_are_timed_by_name(device: Device) -> None:
+    device.profile.clear()
+    array = memory.zeros(device, (64, 1024), np.float32)
+    assert not memory.download(device, array).any()
+    seconds = device.profile.seconds()
+    assert set(seconds) == {"clear", "download"}
+    assert seconds["clear"] > 0
+    device.profile.clear()
+    assert device.profile.seconds() == {}

@@ -1,0 +1,70 @@
+"""The folders are the path of the data: imports run one way, and every folder is shipped."""
+
+from __future__ import annotations
+
+import ast
+import configparser
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from helpers import ROOT
+
+HOST = ROOT / "pyhost"
+SUPPORT = "support"  # the host's own files
+BASE = {SUPPORT, "opencl", "maps"}
+MAY_IMPORT = {
+    SUPPORT: {SUPPORT},
+    "opencl": {SUPPORT, "opencl"},
+    "maps": {SUPPORT, "maps"},
+    "fresnel": {SUPPORT, "maps", "fresnel"},
+    "pbrt": {SUPPORT, "maps", "pbrt"},
+    "sampling": BASE | {"sampling"},
+    "lighting": BASE | {"sampling", "lighting"},
+    "rendering": BASE | {"sampling", "rendering"},
+    "evaluation": BASE | {"fresnel", "pbrt", "sampling", "lighting", "rendering", "evaluation"},
+}
+MAY_IMPORT["commands"] = MAY_IMPORT["evaluation"] | {"commands"}
+FOLDERS = {path.parent.name for path in HOST.glob("*/__init__.py")}
+# `python -m lightdome.probe` is a command, and the names of the package are there for its users.
+OUTSIDE = {HOST / "__init__.py", HOST / "probe.py"}
+MODULES = sorted(set(HOST.rglob("*.py")) - OUTSIDE)
+
+
+def imports(path: Path) -> Iterator[str]:
+    """The modules that a file imports, as absolute names; of ours with the names that are taken from them."""
+    package = ["lightdome", *path.relative_to(HOST).parts[:-1]]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) + 1 - node.level] if node.level else []
+            module = ".".join([*base, *([node.module] if node.module else [])])
+            yield from (f"{module}.{alias.name}" for alias in node.names)
+
+
+def folder_of(name: str) -> str:
+    """The folder of one of our modules, by its absolute name."""
+    second = name.split(".")[1]
+    return second if second in FOLDERS else SUPPORT
+
+
+def test_every_folder_has_its_rule() -> None:
+    assert {SUPPORT} | FOLDERS == set(MAY_IMPORT)
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(HOST)))
+def test_imports_run_one_way(path: Path) -> None:
+    own = path.parent.name if path.parent != HOST else SUPPORT
+    for name in imports(path):
+        if name.startswith("lightdome."):
+            assert folder_of(name) in MAY_IMPORT[own], name
+            assert own == "evaluation" or name.split(".")[1] != "reference", "the product needs no reference"
+        assert not name.startswith("pyopencl") or own in ("opencl", "sampling", "rendering", "evaluation"), name
+
+
+def test_the_package_list_is_that_of_the_folders() -> None:
+    config = configparser.ConfigParser()
+    config.read(ROOT / "setup.cfg")
+    packages = config["options"]["packages"].split()
+    assert sorted(packages) == sorted(["lightdome", "lightdome.clkernels", *(f"lightdome.{name}" for name in FOLDERS)])
