@@ -118,7 +118,6 @@ class MapStages:
         def rows() -> None:
             of_map = self.distribution
             memory[:] = [build_row_cdfs(self.device, of_map.radiance, of_map.scale, out=memory[0] if memory else None)]
-            self.device.queue.finish()  # before the memory may be gone
 
         # A weight, their sum, rounding, the prefix sum.
         work = Work((12 + 4) * pixels, 7 * pixels, pixels, "pixels")

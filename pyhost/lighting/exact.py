@@ -18,6 +18,7 @@ from ..maps.envmap import EnvironmentMap
 from ..maps.geometry import column_angles, row_angles, sine_cosine, solid_angles
 from ..opencl import memory
 from ..opencl.device import Device
+from ..opencl.signature import Argument
 from ..progress import Progress
 from ..sampling.distribution import range_scale
 from .horizon import LEAST_SHAPE, area_moments, horizon_tables
@@ -98,43 +99,45 @@ def exact(
     total = memory.zeros(device, (2, resolution, resolution, 3), np.float32)
 
     defines = {"GREY": 1} if grey else {}
-    sums = device.kernel("lighting/arc_sums", **defines)
-    kernel = device.kernel(KERNELS[pixels], PIXELS=lanes, **defines)
     with Progress("summing the map") as progress:
         for first in range(0, height, band):
             count = min(band, height - first)
-            event = sums(
-                device.queue,
+            device.launch(
+                "lighting/arc_sums",
                 (count,),
-                device.one_by_one(),
-                radiance.buffer,
-                rows.buffer,
-                columns.buffer,
-                weight.buffer,
-                np.uint32(width),
-                np.uint32(first),
-                arcs.buffer,
+                stage="arc sums",
+                defines=defines,
+                radiance=radiance,
+                theta=rows,
+                phi=columns,
+                scale=weight,
+                width=width,
+                first=first,
+                arcs=arcs,
             )
-            device.profile.record("arc sums", event)
+            of_rows: dict[str, Argument]
             if half_arc is None:
-                tables = [memory.upload(device, a) for a in horizon_tables(resolution, height, width, first, count)]
-                of_rows = (radiance.buffer, np.float32(scale), *(table.buffer for table in tables), np.uint32(width))
+                tables = horizon_tables(resolution, height, width, first, count)
+                bounds, start, polynomials = (memory.upload(device, table) for table in tables)
+                of_rows = {"radiance": radiance, "scale": scale, "bounds": bounds, "start": start}
+                of_rows["polynomials"] = polynomials
             else:
-                of_rows = (half_arc.buffer, np.uint32(width), np.uint32(height))
-            event = kernel(
-                device.queue,
+                of_rows = {"half_arc": half_arc, "height": height}
+            device.launch(
+                KERNELS[pixels],
                 (len(tiles),),
-                None if lanes == 1 else (1,),
-                arcs.buffer,
-                *of_rows,
-                np.uint32(first),
-                np.uint32(count),
-                np.int32(resolution),
-                tile_buffer.buffer,
-                total.buffer,
+                stage="exact",
+                defines={"PIXELS": lanes, **defines},
+                arcs=arcs,
+                width=width,
+                first=first,
+                rows=count,
+                resolution=resolution,
+                tiles=tile_buffer,
+                sum=total,
+                **of_rows,
             )
-            device.profile.record("exact", event)
-            event.wait()
+            device.wait()
             progress.update((first + count) / height)
     image = np.add(*memory.download(device, total), dtype=np.float64)
     image *= albedo / scale

@@ -97,18 +97,17 @@ def project(device: Device, envmap: EnvironmentMap, order: int = 2) -> Harmonics
     cosine = memory.upload(device, np.cos(turn).astype(np.float32))
     sine = memory.upload(device, np.sin(turn).astype(np.float32))
     sums = memory.empty(device, (height, order + 1, 2, 3), np.float32)
-    event = device.kernel("lighting/azimuth_sums")(
-        device.queue,
+    device.launch(
+        "lighting/azimuth_sums",
         (order + 1, height),
-        device.one_by_one(2),
-        radiance.buffer,
-        cosine.buffer,
-        sine.buffer,
-        np.uint32(width),
-        np.float32(scale),
-        sums.buffer,
+        stage="azimuth sums",
+        radiance=radiance,
+        cosine=cosine,
+        sine=sine,
+        width=width,
+        scale=scale,
+        sum=sums,
     )
-    device.profile.record("azimuth sums", event)
     weighted = memory.download(device, sums) * (solid_angles(height, width) / scale)[:, None, None, None]
 
     theta = row_angles(height)
@@ -155,20 +154,18 @@ def shade_harmonics(device: Device, harmonics: Harmonics, resolution: int = 511,
     table[:, 2:] = np.ldexp(table[:, 2:], -exponent)
     term_buffer = memory.upload(device, table.astype(np.float32))
     image = memory.zeros(device, (resolution, resolution, 3), np.float32)
-    step = device.items_a_launch(TERMS_A_LAUNCH, len(table) * pixels)
-    for begin in range(0, len(tiles), step):
-        event = device.kernel("lighting/harmonics", PIXELS=pixels)(
-            device.queue,
-            (min(step, len(tiles) - begin),),
-            (1,) if pixels > 1 else None,
-            tile_buffer.buffer,
-            term_buffer.buffer,
-            np.uint32(order),
-            np.int32(resolution),
-            image.buffer,
-            global_offset=(begin,),
-        )
-        device.profile.record("harmonics", event)
+    device.launch(
+        "lighting/harmonics",
+        (len(tiles),),
+        defines={"PIXELS": pixels},
+        step=device.items_a_launch(TERMS_A_LAUNCH, len(table) * pixels),
+        progress="shading the sphere",
+        tiles=tile_buffer,
+        terms=term_buffer,
+        order=order,
+        resolution=resolution,
+        image=image,
+    )
     result = memory.download(device, image)
     return to_float32(result, exponent) if exponent else result
 

@@ -50,19 +50,17 @@ def median_cut(distribution: Distribution, count: int) -> Lights:
     y = np.arange(rows.sum()) - np.repeat(begin - y0, rows)
     span = np.stack([y, np.repeat(x0, rows), np.repeat(x1, rows)], axis=1).astype(np.uint32)
     sums = memory.empty(device, (len(span), 8), np.float32)
-    span_buffer = memory.upload(device, span)
-    event = device.kernel("lighting/span_sums")(
-        device.queue,
+    device.launch(
+        "lighting/span_sums",
         (len(span),),
-        device.one_by_one(),
-        distribution.radiance.buffer,
-        distribution.phi.buffer,
-        np.uint32(envmap.width),
-        np.float32(distribution.scale),
-        span_buffer.buffer,
-        sums.buffer,
+        stage="span sums",
+        radiance=distribution.radiance,
+        phi=distribution.phi,
+        width=envmap.width,
+        scale=distribution.scale,
+        span=memory.upload(device, span),
+        sum=sums,
     )
-    device.profile.record("span sums", event)
 
     # Factors that a row has in common are the host's, in float64.
     light = memory.download(device, sums).astype(np.float64) * solid_angles(envmap.height, envmap.width)[y, None]
@@ -95,19 +93,18 @@ def regions(distribution: Distribution, count: int) -> np.ndarray:
     table, lit, count = _table(distribution, count)
     edge_sine = memory.upload(device, np.sin(np.pi * np.arange(envmap.height + 1) / envmap.height).astype(np.float32))
     region = memory.empty(device, (count, 4), np.uint32)
-    event = device.kernel("lighting/median_cut")(
-        device.queue,
+    device.launch(
+        "lighting/median_cut",
         (count,),
-        device.one_by_one(),
-        table.buffer,
-        lit.buffer,
-        edge_sine.buffer,
-        np.uint32(envmap.width),
-        np.uint32(envmap.height),
-        np.uint32(count),
-        region.buffer,
+        stage="median cut",
+        energy=table,
+        lit=lit,
+        edge_sine=edge_sine,
+        width=envmap.width,
+        height=envmap.height,
+        light_count=count,
+        region=region,
     )
-    device.profile.record("median cut", event)
     return memory.download(device, region).astype(np.int64)
 
 
@@ -120,24 +117,23 @@ def _table(distribution: Distribution, count: int) -> tuple[DeviceArray, DeviceA
     lit = memory.empty(device, (height, width), np.uint32)
     row = memory.empty(device, (height, 3), np.uint64)
     exponent = 62 - math.frexp(distribution.total)[1]
-    quantum = np.array([2.0 ** (exponent // 2), 2.0 ** (exponent - exponent // 2)], np.float32)
+    quantum = 2.0 ** (exponent // 2), 2.0 ** (exponent - exponent // 2)
 
     def sum_rows(cap: int) -> list[int]:
-        event = device.kernel("lighting/row_sums")(
-            device.queue,
+        device.launch(
+            "lighting/row_sums",
             (height,),
-            (1,),
-            distribution.radiance.buffer,
-            sin_theta.buffer,
-            np.uint32(width),
-            np.float32(distribution.scale),
-            quantum,
-            np.uint64(cap),
-            energy.buffer,
-            lit.buffer,
-            row.buffer,
+            stage="row sums",
+            radiance=distribution.radiance,
+            sin_theta=sin_theta,
+            width=width,
+            scale=distribution.scale,
+            quantum=quantum,
+            cap=cap,
+            energy=energy,
+            lit=lit,
+            row=row,
         )
-        device.profile.record("row sums", event)
         return [int(n) for n in memory.download(device, row).sum(axis=0)]
 
     # The cap is the share of each light: N cap = sum of min(q, cap). Newton's method on that line of pieces
@@ -155,14 +151,14 @@ def _table(distribution: Distribution, count: int) -> tuple[DeviceArray, DeviceA
         cap = lower
 
     columns = 1 if device.is_gpu else 16
-    event = device.kernel("lighting/column_sums", COLUMNS=columns)(
-        device.queue,
+    device.launch(
+        "lighting/column_sums",
         (-(-width // columns),),
-        device.one_by_one(),
-        np.uint32(width),
-        np.uint32(height),
-        energy.buffer,
-        lit.buffer,
+        stage="column sums",
+        defines={"COLUMNS": columns},
+        width=width,
+        height=height,
+        energy=energy,
+        lit=lit,
     )
-    device.profile.record("column sums", event)
     return energy, lit, count

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyopencl as cl
 
 from ..errors import LightdomeError
-from .device import Device
+
+if TYPE_CHECKING:
+    from .device import Device
 
 CACHE_LINE = 64  # bytes
 
@@ -100,9 +103,15 @@ def _buffer(device: Device, flags: int, size: int, host: np.ndarray | None) -> c
 
 def zeros(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceArray:
     """Room for a kernel's result, all zero."""
+    return full(device, shape, 0, dtype)
+
+
+def full(device: Device, shape: int | tuple[int, ...], value: float, dtype: type) -> DeviceArray:
+    """An array of the one ``value``."""
     array = empty(device, shape, dtype)
     size = math.prod(array.shape) * array.dtype.itemsize
-    device.profile.record("clear", cl.enqueue_fill_buffer(device.queue, array.buffer, np.uint8(0), 0, size))
+    event = cl.enqueue_fill_buffer(device.queue, array.buffer, array.dtype.type(value), 0, size)
+    device.profile.record("clear", event, array)
     return array
 
 

@@ -40,9 +40,8 @@ from ..sampling.guide import build_guide
 from .product import ProductCDFs, build_product_cdfs
 
 if TYPE_CHECKING:
-    import pyopencl as cl
-
     from ..opencl.device import Device
+    from ..opencl.signature import Argument
 
 SAMPLES_A_LAUNCH = 2**25  # pixels x spp between two updates of the progress line
 PIXELS_A_BLOCK = 128  # that a work-item of a CPU renders side by side
@@ -135,8 +134,8 @@ def _images(
         for target in spp:
             while done < target:
                 end = min(done + step, target)
-                event = launch(key, np.uint32(done), np.uint32(end), np.int32(resolution), total.buffer)
-                device.profile.record("render", event).wait()
+                launch(seed=key, begin=done, end=end, resolution=resolution, sum=total)
+                device.wait()
                 done = end
                 progress.update(done / spp[-1])
             # In float64: albedo F / pi can be above float32's range where no radiance is.
@@ -152,7 +151,7 @@ def _black(spp: Sequence[int], resolution: int) -> Iterator[tuple[int, np.ndarra
 
 def _launch(
     distribution: Distribution, mis_compensation: bool, disc: np.ndarray, defines: dict[str, int]
-) -> tuple[Callable[..., cl.Event], float]:
+) -> tuple[Callable[..., None], float]:
     """The kernel ``render``, given all but its last arguments, and the flux of R + G + B that it samples."""
     device, envmap, scale = distribution.device, distribution.envmap, distribution.scale
     row_cdf, marginal_cdf, total = distribution.row_cdf, distribution.marginal_cdf, distribution.total
@@ -165,62 +164,71 @@ def _launch(
             offset = mean
             guide = build_guide(device, row_cdf, marginal_cdf)
     flux = 3 * distribution.flux * (total / distribution.total)
-    of_light: tuple[object, ...] = ()
+    of_light: dict[str, Argument] = {}
     if "ESTIMATOR_BSDF" in defines:
         device.decisions.skip("guide tables", "directions of the cosine need no search")
     else:
         device.decisions.use("guide tables", "every sample of every pixel searches the map")
         guide = guide or distribution.guide
         edge = np.cos(np.pi / envmap.height * np.arange(envmap.height + 1)).astype(np.float32)
-        angles = (distribution.theta.buffer, distribution.phi.buffer, memory.upload(device, edge).buffer)
-        of_light = (row_cdf.buffer, marginal_cdf.buffer, *guide.arguments, *angles)
+        of_light = {
+            "row_cdf": row_cdf,
+            "marginal_cdf": marginal_cdf,
+            **guide.arguments,
+            "theta": distribution.theta,
+            "phi": distribution.phi,
+            "edge": memory.upload(device, edge),
+        }
     launch = partial(
         _in_blocks(device, "rendering/render", disc, defines),
-        distribution.radiance.buffer,
-        *of_light,
-        np.uint32(envmap.width),
-        np.uint32(envmap.height),
-        np.float32(scale),
-        np.float32(offset),
-        np.float32(np.pi / (flux * scale)),
-        memory.upload(device, disc).buffer,
-        np.uint32(len(disc)),
+        radiance=distribution.radiance,
+        **of_light,
+        width=envmap.width,
+        height=envmap.height,
+        scale=scale,
+        offset=offset,
+        k_light=np.pi / (flux * scale),
     )
     return launch, flux
 
 
 def _product_launch(
     distribution: Distribution, cdfs: ProductCDFs, disc: np.ndarray, defines: dict[str, int]
-) -> Callable[..., cl.Event]:
+) -> Callable[..., None]:
     """The kernel ``render_product``, given all but its last arguments."""
     device, envmap = distribution.device, distribution.envmap
     return partial(
         _in_blocks(device, "rendering/render_product", disc, defines),
-        cdfs.tile_column_cdf.buffer,
-        cdfs.tile_row_cdf.buffer,
-        cdfs.tiles.buffer,
-        cdfs.tile_total.buffer,
-        np.uint32(cdfs.tile_size),
-        np.uint32(cdfs.tile_total.shape[1]),
-        cdfs.column_cdf.buffer,
-        cdfs.row_cdf.buffer,
-        cdfs.lights.buffer,
-        np.array(cdfs.lights.shape[1::-1], np.uint32),
-        np.array(cdfs.cell_size, np.uint32),
-        distribution.radiance.buffer,
-        distribution.theta.buffer,
-        distribution.phi.buffer,
-        np.uint32(envmap.width),
-        np.uint32(envmap.height),
-        np.float32(distribution.scale),
-        np.float32(1 / distribution.total),
-        memory.upload(device, disc).buffer,
-        np.uint32(len(disc)),
+        tile_column_cdf=cdfs.tile_column_cdf,
+        tile_row_cdf=cdfs.tile_row_cdf,
+        tiles=cdfs.tiles,
+        tile_total=cdfs.tile_total,
+        tile_size=cdfs.tile_size,
+        tiles_across=cdfs.tile_total.shape[1],
+        column_cdf=cdfs.column_cdf,
+        row_cdf=cdfs.row_cdf,
+        lights=cdfs.lights,
+        cells=cdfs.lights.shape[1::-1],
+        cell_size=cdfs.cell_size,
+        radiance=distribution.radiance,
+        theta=distribution.theta,
+        phi=distribution.phi,
+        width=envmap.width,
+        height=envmap.height,
+        scale=distribution.scale,
+        inverse_total=1 / distribution.total,
     )
 
 
-def _in_blocks(device: Device, name: str, disc: np.ndarray, defines: dict[str, int]) -> Callable[..., cl.Event]:
-    """The kernel ``name``, a work-item a block of the disc's pixels, given all but its arguments."""
+def _in_blocks(device: Device, name: str, disc: np.ndarray, defines: dict[str, int]) -> Callable[..., None]:
+    """The kernel ``name``, a work-item a block of the disc's pixels, given these alone."""
     block = 1 if device.is_gpu else PIXELS_A_BLOCK
-    kernel = device.kernel(name, BLOCK=block, **defines)
-    return partial(kernel, device.queue, (-(-len(disc) // block),), device.one_by_one())
+    return partial(
+        device.launch,
+        name,
+        (-(-len(disc) // block),),
+        stage="render",
+        defines={"BLOCK": block, **defines},
+        disc=memory.upload(device, disc),
+        pixel_count=len(disc),
+    )

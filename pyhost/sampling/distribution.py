@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import pyopencl as cl
 
 from .. import __version__, checks
 from ..errors import LightdomeError
@@ -22,7 +21,7 @@ from ..maps.geometry import column_angles, row_angles, sine_cosine, solid_angles
 from ..opencl import memory
 from ..opencl.device import Device
 from ..opencl.memory import DeviceArray
-from ..progress import Progress
+from ..opencl.signature import Argument
 from .guide import Guide, build_guide
 from .samples import SEQUENCES, Samples
 
@@ -66,7 +65,8 @@ class Distribution:
 
         Raises :class:`LightdomeError` if the map is black, or for a count, a seed or a sequence that there is not.
         """
-        return self._sample(count, philox_key(seed), sequence_define(count, sequence), sequence, seed)
+        points = {"seed": philox_key(seed)}
+        return self._sample(count, points, sequence_define(count, sequence), sequence, seed)
 
     def sample_pixels(
         self,
@@ -83,7 +83,7 @@ class Distribution:
         if out is not None and not (isinstance(out, tuple) and [type(a) for a in out] == [np.ndarray] * 2):
             raise LightdomeError(f"out must be the two arrays that an earlier call returned, got {checks.told(out)}")
         defines = {"PIXELS": 1, **sequence_define(count, sequence)}
-        pixel, probability = self._draw(count, philox_key(seed), defines, out or (None, None))
+        pixel, probability = self._draw(count, {"seed": philox_key(seed)}, defines, out or (None, None))
         return pixel, probability
 
     def sample_at(self, points: np.ndarray) -> Samples:
@@ -97,7 +97,7 @@ class Distribution:
         if not ((points >= 0) & (points < 1)).all():
             raise LightdomeError("points must lie in [0, 1)")
         bits = np.floor(points * 2.0**32).astype(np.uint32)
-        given = memory.upload(self.device, bits).buffer
+        given = {"points": memory.upload(self.device, bits)}
         return self._sample(len(bits), given, {"SEQUENCE_GIVEN": 1}, "given", 0)
 
     @cached_property
@@ -110,20 +110,19 @@ class Distribution:
         """``scale`` (R + G + B) of every pixel, (H, W) float32, made when first asked for."""
         height, width = self.envmap.height, self.envmap.width
         weight = memory.empty(self.device, (height, width), np.float32)
-        event = self.device.kernel("sampling/map_weights")(
-            self.device.queue,
+        self.device.launch(
+            "sampling/map_weights",
             (height,),
-            self.device.one_by_one(),
-            self.radiance.buffer,
-            np.uint32(width),
-            np.float32(self.scale),
-            weight.buffer,
+            stage="weights",
+            radiance=self.radiance,
+            width=width,
+            scale=self.scale,
+            f=weight,
         )
-        self.device.profile.record("weights", event).wait()
         return weight
 
     def _sample(
-        self, count: int, points: np.ndarray | cl.Buffer, defines: dict[str, int], sequence: str, seed: int
+        self, count: int, points: dict[str, Argument], defines: dict[str, int], sequence: str, seed: int
     ) -> Samples:
         direction, radiance, pixel, probability = self._draw(count, points, defines, (None,) * 4)
         return checks.made(
@@ -141,7 +140,7 @@ class Distribution:
     def _draw(
         self,
         count: int,
-        points: np.ndarray | cl.Buffer,
+        points: dict[str, Argument],
         defines: dict[str, int],
         out: tuple[np.ndarray | None, ...],
     ) -> list[np.ndarray]:
@@ -149,10 +148,18 @@ class Distribution:
         if self.total == 0:
             raise LightdomeError(BLACK)
         device = self.device
-        kinds = [((count, 3), np.float32), ((count, 3), np.float32), ((count, 2), np.int32), ((count,), np.float32)]
-        results = [memory.empty(device, *kind, array) for kind, array in zip(kinds[-len(out) :], out, strict=True)]
+        kinds = {
+            "direction": ((count, 3), np.float32),
+            "sample_radiance": ((count, 3), np.float32),
+            "pixel": ((count, 2), np.int32),
+            "probability": ((count,), np.float32),
+        }
+        results = {
+            name: memory.empty(device, *kinds[name], array)
+            for name, array in zip([*kinds][-len(out) :], out, strict=True)
+        }
         radiance = self.radiance
-        guided: tuple[object, ...] = ()
+        guided: dict[str, Argument] = {}
         if is_guided(count, self.envmap):
             many = f"{count} samples on {self.envmap.width} x {self.envmap.height} pixels are enough to pay for them"
             self.device.decisions.use("guide tables", many)
@@ -163,34 +170,28 @@ class Distribution:
             few = f"{count} samples are drawn faster than the tables for the map would be built"
             device.decisions.skip("guide tables", few)
         block = 1 if device.is_gpu else SAMPLES_A_BLOCK
-        kernel = device.kernel("sampling/sample", BLOCK=block, **defines)
-        blocks, step = -(-count // block), device.items_a_launch(SAMPLES_A_LAUNCH, block)
-        with Progress("sampling") as progress:
-            for begin in range(0, blocks, step):
-                event = kernel(
-                    device.queue,
-                    (min(step, blocks - begin),),
-                    device.one_by_one(),
-                    self.row_cdf.buffer,
-                    self.marginal_cdf.buffer,
-                    radiance.buffer,
-                    *guided,
-                    self.theta.buffer,
-                    self.phi.buffer,
-                    np.uint32(self.envmap.width),
-                    np.uint32(self.envmap.height),
-                    np.float32(self.scale),
-                    np.float32(1 / self.total),
-                    np.uint32(count),
-                    points,
-                    *(result.buffer for result in results),
-                    global_offset=(begin,),
-                )
-                device.profile.record("search", event)
-                if blocks > step:
-                    event.wait()
-                    progress.update(min(1.0, (begin + step) / blocks))
-        return [memory.download(device, result) for result in results]
+        device.launch(
+            "sampling/sample",
+            (-(-count // block),),
+            stage="search",
+            defines={"BLOCK": block, **defines},
+            step=device.items_a_launch(SAMPLES_A_LAUNCH, block),
+            progress="sampling",
+            row_cdf=self.row_cdf,
+            marginal_cdf=self.marginal_cdf,
+            radiance=radiance,
+            **guided,
+            theta=self.theta,
+            phi=self.phi,
+            width=self.envmap.width,
+            height=self.envmap.height,
+            scale=self.scale,
+            inverse_total=1 / self.total,
+            count=count,
+            **points,
+            **results,
+        )
+        return [memory.download(device, result) for result in results.values()]
 
 
 def is_guided(count: int, envmap: EnvironmentMap) -> bool:
@@ -254,8 +255,7 @@ def build_row_cdfs(
 ) -> tuple[DeviceArray, DeviceArray]:
     """The CDFs of the rows in ``radiance`` (n, W, 3), and their sums, n double words, without sin(theta).
 
-    Keep both until the device is done: where it shares the host's memory it writes into theirs. ``out`` is what an
-    earlier call for as many pixels returned, to be written over.
+    ``out`` is what an earlier call for as many pixels returned, to be written over.
     """
     height, width = radiance.shape[:2]
     row_cdf, row_sum = out or (
@@ -269,18 +269,18 @@ def build_row_cdfs(
     else:
         why = "their sums would leave float32's range" if scale != 1 else "only what is above the mean is drawn"
         device.decisions.use("scaling of weights", why)
-    event = device.kernel("sampling/row_cdf", **defines)(
-        device.queue,
+    device.launch(
+        "sampling/row_cdf",
         (height,),
-        device.one_by_one(),
-        radiance.buffer,
-        np.uint32(width),
-        np.float32(scale),
-        np.float32(offset),
-        row_cdf.buffer,
-        row_sum.buffer,
+        stage="row cdf",
+        defines=defines,
+        radiance=radiance,
+        width=width,
+        scale=scale,
+        offset=offset,
+        cdf=row_cdf,
+        row_sum=row_sum,
     )
-    device.profile.record("row cdf", event)
     return row_cdf, row_sum
 
 
@@ -290,17 +290,16 @@ def build_marginal_cdf(device: Device, row_sum: DeviceArray) -> tuple[DeviceArra
     sin_theta = memory.upload(device, np.sin(row_angles(height)).astype(np.float32))
     marginal_cdf = memory.empty(device, height, np.uint32)
     total = memory.empty(device, 2, np.float32)
-    event = device.kernel("sampling/marginal_cdf")(
-        device.queue,
+    device.launch(
+        "sampling/marginal_cdf",
         (1,),
-        (1,),
-        row_sum.buffer,
-        sin_theta.buffer,
-        np.uint32(height),
-        marginal_cdf.buffer,
-        total.buffer,
+        stage="marginal cdf",
+        row_sum=row_sum,
+        sin_theta=sin_theta,
+        height=height,
+        cdf=marginal_cdf,
+        total=total,
     )
-    device.profile.record("marginal cdf", event)
     return marginal_cdf, float(memory.download(device, total).astype(np.float64).sum())
 
 

@@ -113,18 +113,19 @@ def _choose_rows(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The row of every sample, and the point that picks a pixel in it as a fraction of 2^32: (N,) uint32 each."""
     row, across = (memory.empty(device, count, np.uint32) for _ in range(2))
-    event = device.kernel("sampling/choose_rows", **defines)(
-        device.queue,
-        (-(-count // GROUP) * GROUP,),
-        (GROUP,),
-        marginal_cdf.buffer,
-        np.uint32(marginal_cdf.shape[0]),
-        np.uint32(count),
-        key,
-        row.buffer,
-        across.buffer,
+    device.launch(
+        "sampling/choose_rows",
+        (count,),
+        stage="search",
+        defines=defines,
+        group=GROUP,
+        marginal_cdf=marginal_cdf,
+        height=marginal_cdf.shape[0],
+        count=count,
+        seed=key,
+        row=row,
+        across=across,
     )
-    device.profile.record("search", event)
     return memory.download(device, row), memory.download(device, across)
 
 

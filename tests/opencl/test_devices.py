@@ -139,11 +139,9 @@ def test_no_kernel_waits_for_a_compiler_at_another_size(
     fetch = Device.kernel
 
     def checked(device: Device, name: str, **defines: int) -> Callable[..., cl.Event]:
-        def launch(
-            queue: cl.CommandQueue, size: tuple[int, ...], local: object, *args: object, **more: object
-        ) -> cl.Event:
+        def launch(queue: cl.CommandQueue, size: tuple[int, ...], local: object, /, **arguments: object) -> cl.Event:
             assert local is not None, name
-            return fetch(device, name, **defines)(queue, size, local, *args, **more)
+            return fetch(device, name, **defines)(queue, size, local, **arguments)
 
         return launch
 

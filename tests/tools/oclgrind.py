@@ -37,7 +37,7 @@ from lightdome.maps.images import ImageRows, write_image
 from lightdome.opencl import memory
 from lightdome.opencl.device import Device
 from lightdome.opencl.memory import DeviceArray
-from lightdome.opencl.programs import Programs
+from lightdome.opencl.programs import Kernel, Programs
 from lightdome.opencl.rates import Rates
 from lightdome.rendering.per_pixel import ESTIMATORS, render
 from lightdome.rendering.per_pixel import SEQUENCES as RENDER_SEQUENCES
@@ -77,7 +77,7 @@ class Simulator(Device):
     def is_gpu(self) -> bool:
         return self.as_gpu
 
-    def kernel(self, name: str, **defines: int) -> cl.Kernel:
+    def kernel(self, name: str, **defines: int) -> Kernel:
         self.ran.add(name)
         return super().kernel(name, **defines)
 
