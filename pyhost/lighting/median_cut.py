@@ -24,10 +24,10 @@ import numpy as np
 
 from .. import checks
 from ..errors import LightdomeError
-from ..maps.geometry import row_angles, solid_angles
 from ..opencl import memory
 from ..opencl.memory import DeviceArray
-from ..sampling.distribution import BLACK, Distribution
+from ..sampling.distribution import Distribution
+from ..sampling.draw import BLACK
 from .lights import Lights
 
 MAX_LIGHTS = 2**22
@@ -41,7 +41,7 @@ def median_cut(distribution: Distribution, count: int) -> Lights:
     its light comes from above. Raises :class:`LightdomeError` as :func:`regions` does.
     """
     checks.instance("the distribution", distribution, Distribution)
-    device, envmap = distribution.device, distribution.envmap
+    device, of_map = distribution.device, distribution.map
     x0, y0, x1, y1 = regions(distribution, count).T
 
     # One span for each row of each region.
@@ -54,17 +54,17 @@ def median_cut(distribution: Distribution, count: int) -> Lights:
         "lighting/span_sums",
         (len(span),),
         stage="span sums",
-        radiance=distribution.radiance,
-        phi=distribution.phi,
-        width=envmap.width,
-        scale=distribution.scale,
+        radiance=of_map.radiance,
+        phi=of_map.phi,
+        width=of_map.width,
+        scale=of_map.scale,
         span=memory.upload(device, span),
         sum=sums,
     )
 
     # Factors that a row has in common are the host's, in float64.
-    light = memory.download(device, sums).astype(np.float64) * solid_angles(envmap.height, envmap.width)[y, None]
-    theta = row_angles(envmap.height)[y]
+    light = memory.download(device, sums).astype(np.float64) * of_map.solid_angles[y, None]
+    theta = of_map.row_angles[y]
     moment = np.stack(
         [np.sin(theta) * light[:, 3], np.cos(theta) * light[:, :3].sum(axis=1), np.sin(theta) * light[:, 4]], axis=1
     )
@@ -73,7 +73,7 @@ def median_cut(distribution: Distribution, count: int) -> Lights:
     length = np.linalg.norm(moment, axis=1, keepdims=True)
     direction = np.where(length > 1e-6 * flux.sum(axis=1, keepdims=True), moment, (0, 1, 0))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    return checks.made(Lights, direction=direction.astype(np.float32), flux=flux / distribution.scale)
+    return checks.made(Lights, direction=direction.astype(np.float32), flux=flux / of_map.scale)
 
 
 def regions(distribution: Distribution, count: int) -> np.ndarray:
@@ -110,9 +110,8 @@ def regions(distribution: Distribution, count: int) -> np.ndarray:
 
 def _table(distribution: Distribution, count: int) -> tuple[DeviceArray, DeviceArray, int]:
     """Summed-area tables of capped energy and of lit pixels, and ``count`` or the lit pixels if they are fewer."""
-    device, envmap = distribution.device, distribution.envmap
-    height, width = envmap.height, envmap.width
-    sin_theta = memory.upload(device, np.sin(row_angles(height)).astype(np.float32))
+    device, of_map = distribution.device, distribution.map
+    height, width = of_map.height, of_map.width
     energy = memory.empty(device, (height, width), np.uint64)
     lit = memory.empty(device, (height, width), np.uint32)
     row = memory.empty(device, (height, 3), np.uint64)
@@ -124,10 +123,10 @@ def _table(distribution: Distribution, count: int) -> tuple[DeviceArray, DeviceA
             "lighting/row_sums",
             (height,),
             stage="row sums",
-            radiance=distribution.radiance,
-            sin_theta=sin_theta,
+            radiance=of_map.radiance,
+            sin_theta=of_map.sin_theta,
             width=width,
-            scale=distribution.scale,
+            scale=of_map.scale,
             quantum=quantum,
             cap=cap,
             energy=energy,

@@ -8,10 +8,13 @@ convex, so visibility is 1 and no ray is traced. Kernels: ``shade_tiles.cl`` wit
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from .. import checks
 from ..disc import check_resolution, disc_tiles, note_tiles
+from ..errors import LightdomeError
 from ..float_range import LARGEST, light_exponent, to_float32
 from ..maps.envmap import EnvironmentMap
 from ..maps.geometry import solid_angles
@@ -27,18 +30,30 @@ PAIRS_A_LAUNCH = 2**33  # pixels x lights between two updates of the progress li
 SAMPLES_A_ROW = 320  # of a map, from which on an image of the map is made sooner than one of the samples
 
 
+class HasLights(Protocol):
+    """What has a ``direction`` and a ``flux`` for each of N lights, as :class:`Lights` and :class:`Samples` have."""
+
+    @property
+    def direction(self) -> np.ndarray:
+        """(N, 3) unit vectors towards the lights."""
+
+    @property
+    def flux(self) -> np.ndarray:
+        """(N, 3), radiance x steradian."""
+
+
 def shade(
     device: Device,
-    direction: np.ndarray,
-    flux: np.ndarray,
+    direction: np.ndarray | HasLights,
+    flux: np.ndarray | None = None,
     resolution: int = 511,
     albedo: float = 1.0,
     brute_force: bool = False,
 ) -> np.ndarray:
     """Light the sphere with N directional lights: the image is (R, R, 3) float32, radiance.
 
-    - ``direction``: (N, 3) unit vectors towards the lights
-    - ``flux``: (N, 3) what each stands for, radiance x steradian
+    - ``direction``: (N, 3) unit vectors towards the lights; or lights, which have both directions and fluxes
+    - ``flux``: (N, 3) what each stands for, radiance x steradian; none with lights
     - ``brute_force``: evaluate every pair of pixel and light: for comparison, the image is the same
 
     A pixel is albedo / pi times the sum of flux max(0, n . direction); outside the disc it is 0. What exceeds
@@ -49,6 +64,10 @@ def shade(
     checks.instance("the device", device, Device)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
     brute_force = checks.flag("brute_force", brute_force)
+    if flux is None:
+        if not (hasattr(direction, "direction") and hasattr(direction, "flux")):
+            raise LightdomeError(f"expected lights, or directions and fluxes, got {checks.told(direction)} alone")
+        direction, flux = direction.direction, direction.flux
     return _shade(device, *checks.lights(direction, flux), resolution, albedo, brute_force)
 
 

@@ -43,23 +43,16 @@ def upload(device: Device, array: np.ndarray, stage: str = "upload") -> DeviceAr
     return DeviceArray(buffer, array.shape, array.dtype, None)
 
 
-def empty(device: Device, shape: int | tuple[int, ...], dtype: type, out: np.ndarray | None = None) -> DeviceArray:
-    """Room for a kernel's result, not initialised; in ``out`` where that is given and host and device share memory.
+def empty(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceArray:
+    """Room for a kernel's result, not initialised.
 
-    Raises :class:`LightdomeError` if there is none, or if ``out`` is not such an array.
+    Raises :class:`LightdomeError` if there is none.
     """
     shape = (shape,) if isinstance(shape, int) else shape
     kind = np.dtype(dtype)
     size = math.prod(shape) * kind.itemsize
     check_room(device, size)
-    fits = out is None or (out.shape == shape and out.dtype == kind and out.flags.carray)
-    if not fits or (device.shares_host_memory and out is not None and not _is_aligned(out)):
-        raise LightdomeError(
-            f"out must be what an earlier call returned: expected shape {shape} {kind}, got {out.shape} {out.dtype}"
-        )
-    host = None
-    if device.shares_host_memory:
-        host = _aligned(shape, kind) if out is None else out
+    host = _aligned(shape, kind) if device.shares_host_memory else None
     return DeviceArray(_buffer(device, cl.mem_flags.READ_WRITE, size, host), shape, kind, host)
 
 
@@ -69,10 +62,6 @@ def _aligned(shape: tuple[int, ...], kind: np.dtype) -> np.ndarray:
     memory = np.empty(size + CACHE_LINE, np.uint8)
     start = -memory.ctypes.data % CACHE_LINE
     return memory[start : start + size].view(kind).reshape(shape)
-
-
-def _is_aligned(array: np.ndarray) -> bool:
-    return array.ctypes.data % CACHE_LINE == 0
 
 
 # No index overflows before a buffer is refused here, or by the host. Kernels count columns, rows and lights in 32 bits:

@@ -30,13 +30,13 @@ from .. import checks
 from ..disc import check_resolution, disc_tiles, note_tiles
 from ..errors import LightdomeError
 from ..float_range import to_float32
-from ..maps.geometry import row_angles
 from ..names import ESTIMATORS as ESTIMATORS
 from ..names import PIXEL_SEQUENCES as SEQUENCES
 from ..opencl import memory
 from ..progress import Progress
-from ..sampling.distribution import Distribution, build_cdfs, philox_key
-from ..sampling.guide import build_guide
+from ..sampling.cdf import build_cdf
+from ..sampling.distribution import Distribution
+from ..sampling.draw import philox_key
 from .product import ProductCDFs, build_product_cdfs
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def _images(
     disc = disc_tiles(resolution, 1, 1)
     note_tiles(device.decisions, disc, resolution, 1, 1)
     defines = {f"SEQUENCE_{sequence.upper()}": 1}
-    if distribution.envmap.is_grey:
+    if distribution.map.is_grey:
         device.decisions.skip("separate channels", "the map is grey")
         defines["GREY"] = 1
     else:
@@ -153,41 +153,38 @@ def _launch(
     distribution: Distribution, mis_compensation: bool, disc: np.ndarray, defines: dict[str, int]
 ) -> tuple[Callable[..., None], float]:
     """The kernel ``render``, given all but its last arguments, and the flux of R + G + B that it samples."""
-    device, envmap, scale = distribution.device, distribution.envmap, distribution.scale
-    row_cdf, marginal_cdf, total = distribution.row_cdf, distribution.marginal_cdf, distribution.total
-    guide, offset = None, 0.0
+    device, of_map, cdf = distribution.device, distribution.map, distribution.cdf
+    offset = 0.0
     if mis_compensation:
-        mean = float(np.float32(total / np.sin(row_angles(envmap.height)).sum() / envmap.width))
-        compensated = build_cdfs(device, distribution.radiance, scale, mean)
-        if compensated[2] > 0:  # else the map is the same all over: there is nothing above its mean
-            row_cdf, marginal_cdf, total = compensated
+        mean = float(np.float32(cdf.total / np.sin(of_map.row_angles).sum() / of_map.width))
+        compensated = build_cdf(of_map, mean)
+        if compensated.total > 0:  # else the map is the same all over: there is nothing above its mean
+            cdf = compensated
             offset = mean
-            guide = build_guide(device, row_cdf, marginal_cdf)
-    flux = 3 * distribution.flux * (total / distribution.total)
+    flux = 3 * distribution.flux * (cdf.total / distribution.total)
     of_light: dict[str, Argument] = {}
     if "ESTIMATOR_BSDF" in defines:
         device.decisions.skip("guide tables", "directions of the cosine need no search")
     else:
         device.decisions.use("guide tables", "every sample of every pixel searches the map")
-        guide = guide or distribution.guide
-        edge = np.cos(np.pi / envmap.height * np.arange(envmap.height + 1)).astype(np.float32)
+        edge = np.cos(np.pi / of_map.height * np.arange(of_map.height + 1)).astype(np.float32)
         of_light = {
-            "row_cdf": row_cdf,
-            "marginal_cdf": marginal_cdf,
-            **guide.arguments,
-            "theta": distribution.theta,
-            "phi": distribution.phi,
+            "row_cdf": cdf.rows,
+            "marginal_cdf": cdf.marginal,
+            **cdf.guide.arguments,
+            "theta": of_map.theta,
+            "phi": of_map.phi,
             "edge": memory.upload(device, edge),
         }
     launch = partial(
         _in_blocks(device, "rendering/render", disc, defines),
-        radiance=distribution.radiance,
+        radiance=of_map.radiance,
         **of_light,
-        width=envmap.width,
-        height=envmap.height,
-        scale=scale,
+        width=of_map.width,
+        height=of_map.height,
+        scale=of_map.scale,
         offset=offset,
-        k_light=np.pi / (flux * scale),
+        k_light=np.pi / (flux * of_map.scale),
     )
     return launch, flux
 
@@ -196,9 +193,9 @@ def _product_launch(
     distribution: Distribution, cdfs: ProductCDFs, disc: np.ndarray, defines: dict[str, int]
 ) -> Callable[..., None]:
     """The kernel ``render_product``, given all but its last arguments."""
-    device, envmap = distribution.device, distribution.envmap
+    of_map = distribution.map
     return partial(
-        _in_blocks(device, "rendering/render_product", disc, defines),
+        _in_blocks(distribution.device, "rendering/render_product", disc, defines),
         tile_column_cdf=cdfs.tile_column_cdf,
         tile_row_cdf=cdfs.tile_row_cdf,
         tiles=cdfs.tiles,
@@ -210,12 +207,12 @@ def _product_launch(
         lights=cdfs.lights,
         cells=cdfs.lights.shape[1::-1],
         cell_size=cdfs.cell_size,
-        radiance=distribution.radiance,
-        theta=distribution.theta,
-        phi=distribution.phi,
-        width=envmap.width,
-        height=envmap.height,
-        scale=distribution.scale,
+        radiance=of_map.radiance,
+        theta=of_map.theta,
+        phi=of_map.phi,
+        width=of_map.width,
+        height=of_map.height,
+        scale=of_map.scale,
         inverse_total=1 / distribution.total,
     )
 

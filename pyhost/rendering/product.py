@@ -54,23 +54,23 @@ def build_product_cdfs(distribution: Distribution, resolution: int) -> ProductCD
     """
     checks.instance("the distribution", distribution, Distribution)
     resolution = check_resolution(resolution)
-    device, envmap = distribution.device, distribution.envmap
-    cell_size = -(-envmap.width // CELLS[0]), -(-envmap.height // CELLS[1])
-    across, down = -(-envmap.width // cell_size[0]), -(-envmap.height // cell_size[1])
-    column_cdf = memory.empty(device, (envmap.height, envmap.width), np.uint32)
-    row_cdf = memory.empty(device, (across, envmap.height), np.uint32)
+    device, of_map = distribution.device, distribution.map
+    cell_size = -(-of_map.width // CELLS[0]), -(-of_map.height // CELLS[1])
+    across, down = -(-of_map.width // cell_size[0]), -(-of_map.height // cell_size[1])
+    column_cdf = memory.empty(device, (of_map.height, of_map.width), np.uint32)
+    row_cdf = memory.empty(device, (across, of_map.height), np.uint32)
     flux = memory.empty(device, (down, across), np.float32)
     lights = memory.empty(device, (down, across, 4), np.float32)
     device.launch(
         "rendering/cells",
         (across, down),
-        radiance=distribution.radiance,
-        theta=distribution.theta,
-        phi=distribution.phi,
-        width=envmap.width,
-        height=envmap.height,
+        radiance=of_map.radiance,
+        theta=of_map.theta,
+        phi=of_map.phi,
+        width=of_map.width,
+        height=of_map.height,
         size=cell_size,
-        scale=distribution.scale,
+        scale=of_map.scale,
         column_cdf=column_cdf,
         row_cdf=row_cdf,
         flux=flux,

@@ -49,7 +49,7 @@ class Guide:
 
 
 def build_guide(device: Device, row_cdf: DeviceArray, marginal_cdf: DeviceArray) -> Guide:
-    """Guide tables for a map's CDFs (H, W) and (H,), see :func:`lightdome.sampling.distribution.build_cdfs`."""
+    """Guide tables for a map's CDFs (H, W) and (H,), see :class:`lightdome.sampling.cdf.MapCDF`."""
     height, width = row_cdf.shape
 
     def table(cdf: DeviceArray, count: int, n: int, buckets: float) -> tuple[DeviceArray, DeviceArray, int]:

@@ -41,7 +41,7 @@ from lightdome.opencl.programs import Kernel, Programs
 from lightdome.opencl.rates import Rates
 from lightdome.rendering.per_pixel import ESTIMATORS, render
 from lightdome.rendering.per_pixel import SEQUENCES as RENDER_SEQUENCES
-from lightdome.sampling import distribution as distribution_module
+from lightdome.sampling import draw as draw_module
 from lightdome.sampling.distribution import Distribution, build_distribution
 from lightdome.sampling.samples import SEQUENCES
 from lightdome.sampling.streaming import sample_file
@@ -176,7 +176,7 @@ def distributions(shapes: tuple[bool, ...] = (False, True)) -> Iterator[Distribu
 
 def draw(distribution: Distribution) -> None:
     for guided_from in (0, np.inf):
-        distribution_module.SAMPLES_A_PIXEL = guided_from
+        draw_module.SAMPLES_A_PIXEL = guided_from
         for sequence in SEQUENCES:
             distribution.sample(19, 1, sequence)
         distribution.sample_at(np.array([(0, 0), (1 - 2.0**-32, 1 - 2.0**-32), (0.5, 0.25)]))
@@ -184,7 +184,7 @@ def draw(distribution: Distribution) -> None:
 
 def draw_pixels(distribution: Distribution) -> None:
     for guided_from in (0, np.inf):
-        distribution_module.SAMPLES_A_PIXEL = guided_from
+        draw_module.SAMPLES_A_PIXEL = guided_from
         for sequence in SEQUENCES:
             distribution.sample_pixels(19, 1, sequence)
 
