@@ -112,8 +112,13 @@ def exact(
             if half_arc is None:
                 tables = horizon_tables(resolution, height, width, first, count)
                 bounds, start, polynomials = (memory.upload(device, table) for table in tables)
-                of_rows = {"radiance": of_map.radiance, "scale": scale, "bounds": bounds, "start": start}
-                of_rows["polynomials"] = polynomials
+                of_rows = {
+                    "radiance": of_map.radiance,
+                    "scale": scale,
+                    "bounds": bounds,
+                    "start": start,
+                    "polynomials": polynomials,
+                }
             else:
                 of_rows = {"half_arc": half_arc, "height": height}
             device.launch(

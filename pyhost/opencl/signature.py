@@ -19,15 +19,12 @@ from .memory import DeviceArray
 
 Argument = DeviceArray | SupportsFloat | SupportsIndex | Sequence[float] | np.ndarray
 
-_TYPES = {
-    "float": np.float32,
-    "double": np.float64,
-    **{
-        f"{sign}{name}": np.dtype(f"{sign}int{8 * size}").type
-        for sign in ("", "u")
-        for name, size in (("char", 1), ("short", 2), ("int", 4), ("long", 8))
-    },
+_SIZES = {"char": 1, "short": 2, "int": 4, "long": 8}  # bytes
+_INTEGERS = {
+    f"{sign}{name}": np.dtype(f"{sign}int{8 * size}").type for name, size in _SIZES.items() for sign in ("", "u")
 }
+_TYPES = {"float": np.float32, "double": np.float64, **_INTEGERS}
+_LIMITS = {np.dtype(kind): (int(np.iinfo(kind).min), int(np.iinfo(kind).max)) for kind in _INTEGERS.values()}
 _TYPE = re.compile(r"([a-z]+?)(2|3|4|8|16)?")
 _QUALIFIERS = {"const", "restrict", "volatile", "global", "constant", "__global", "__constant"}
 
@@ -47,7 +44,7 @@ class Parameter:
         if self.is_pointer:
             if not isinstance(value, DeviceArray):
                 raise TypeError(f"must be an array on the device, got {type(value).__name__}")
-            if self.dtype not in (None, value.dtype):
+            if self.dtype is not None and self.dtype != value.dtype:
                 raise TypeError(f"must hold {self.dtype}, got {value.dtype}")
             return value.buffer
         return self._vector(value) if self.lanes > 1 else self._scalar(value)
@@ -56,8 +53,9 @@ class Parameter:
         assert self.dtype is not None
         if self.dtype.kind == "f":
             return self.dtype.type(float(value))  # type: ignore[arg-type]
-        number, limits = operator.index(value), np.iinfo(self.dtype)  # type: ignore[arg-type]
-        if not limits.min <= number <= limits.max:
+        number = operator.index(value)  # type: ignore[arg-type]
+        least, most = _LIMITS[self.dtype]
+        if not least <= number <= most:
             raise TypeError(f"must be {self.type}, got {number}")
         return self.dtype.type(number)
 

@@ -150,16 +150,18 @@ def test_steps_cover_every_work_item_once(device: Device, step: int | None) -> N
 
 def test_what_a_kernel_works_on_stays_until_it_is_done(device: Device) -> None:
     gate = cl.UserEvent(device.context)
-    array = memory.empty(device, 16, np.float32)
     device.wait()
     cl.enqueue_barrier(device.queue, wait_for=[gate])
-    launched = memory.empty(device, 1, np.uint32)
-    device.launch("sampling/map_weights", (1,), radiance=memory.empty(device, 3, np.float32), width=1, scale=1, f=array)
-    alive = weakref.ref(array)
-    del array, launched
-    gc.collect()
-    assert alive() is not None
-    gate.set_status(cl.command_execution_status.COMPLETE)
+    try:
+        array = memory.empty(device, 16, np.float32)
+        radiance = memory.empty(device, 3, np.float32)
+        device.launch("sampling/map_weights", (1,), radiance=radiance, width=1, scale=1, f=array)
+        alive = weakref.ref(array)
+        del array
+        gc.collect()
+        assert alive() is not None
+    finally:
+        gate.set_status(cl.command_execution_status.COMPLETE)
     device.wait()
     gc.collect()
     assert alive() is None
