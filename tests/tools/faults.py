@@ -878,8 +878,8 @@ FAULTS: list[Fault] = [
     host(
         "pixels alone are drawn as whole samples",
         "draw.py",
-        "if not whole:",
-        "if False:",
+        "    if not whole:\n        defines",
+        "    if False:\n        defines",
         "a define forgotten",
     ),
     host(
