@@ -27,6 +27,7 @@ import pyopencl as cl
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from helpers import ROOT, stiff_radiance
+from lightdome import progress
 from lightdome.evaluation import roofline
 from lightdome.lighting.exact import PIXELS, exact
 from lightdome.lighting.harmonics import Harmonics, project, shade_harmonics
@@ -85,6 +86,7 @@ class Simulator(Device):
 def main() -> None:
     """Start this program under Oclgrind: with the broken kernel, with all, with those it finds no false faults in."""
     if len(sys.argv) > 1:
+        progress.LINE_PATIENCE = np.inf  # what goes to stderr is a finding
         {"broken": run_broken, "all": run_all, "clean": run_clean}[sys.argv[1]]()
         return
     found = findings("broken", "--data-races", "--uninitialized")
@@ -121,6 +123,17 @@ def zeros(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceAr
     return array
 
 
+def keep_memory() -> None:
+    """Free no buffer: Oclgrind has false findings in memory that was used before."""
+    make, kept = memory._buffer, []
+
+    def buffer(*arguments: object) -> cl.Buffer:
+        kept.append(make(*arguments))
+        return kept[-1]
+
+    memory._buffer = buffer
+
+
 def run_broken() -> None:
     device = simulator(as_gpu=True)
     kernel = cl.Program(device.context, BROKEN).build().broken
@@ -155,6 +168,7 @@ def run_all() -> None:
 
 
 def run_clean() -> None:
+    keep_memory()
     for distribution in list(distributions(shapes=(True,))):  # all CDFs first, in memory that is new
         draw(distribution)
         for resolution in RESOLUTIONS:
