@@ -63,6 +63,14 @@ def test_imports_run_one_way(path: Path) -> None:
         assert not name.startswith("pyopencl") or own == "opencl", name
 
 
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(HOST)))
+def test_only_opencl_sees_buffers_and_queues(path: Path) -> None:
+    if path.parent.name != "opencl":
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        seen = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+        assert not seen & {"buffer", "queue", "record"}
+
+
 def test_the_package_list_is_that_of_the_folders() -> None:
     config = configparser.ConfigParser()
     config.read(ROOT / "setup.cfg")
