@@ -37,7 +37,8 @@ class Profile:
         stage, event, kept = self._pending.popleft()
         event.wait()
         del kept  # not before
-        self._nanoseconds[stage] += event.profile.end - event.profile.start
+        times = event.profile
+        self._nanoseconds[stage] += times.end - times.start
 
     def seconds(self) -> dict[str, float]:
         """The device time of each stage in seconds; waits for what is still running."""
