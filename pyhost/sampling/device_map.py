@@ -43,6 +43,11 @@ class DeviceMap:
         checks.instance("the map", envmap, EnvironmentMap)
         return cls(device, envmap, range_scale(envmap.peak), row_angles(envmap.height))
 
+    def upload(self) -> None:
+        """Make now what all samplers read, and not with the first samples."""
+        for name in ("radiance", "theta", "phi"):
+            getattr(self, name)
+
     @property
     def height(self) -> int:
         """Rows."""

@@ -105,4 +105,5 @@ def build_distribution(device: Device, envmap: EnvironmentMap) -> Distribution:
     Raises :class:`LightdomeError` where the device has not the room, or one argument is of another type.
     """
     of_map = DeviceMap.of(device, envmap)
+    of_map.upload()
     return Distribution(of_map, build_cdf(of_map))
