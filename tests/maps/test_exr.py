@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from exr_bytes import Part, exr_file, planes
+from exr_bytes import CHROMA_IS_HIDDEN, Part, exr_file, planes
 from helpers import Script, fails_in_one_line
 from lightdome.errors import LightdomeError
 from lightdome.maps.envmap import EnvironmentMap
@@ -19,7 +19,6 @@ HEIGHT, WIDTH = 4, 8
 MAP = np.random.default_rng(1).integers(1, 64, (HEIGHT, WIDTH, 3)).astype(np.float32) / 4  # exact in half
 OTHER = MAP[::-1] + 20
 GREY = MAP[..., 0]
-CHROMA_IS_HIDDEN = oiio.VERSION < 30200  # by OpenImageIO, whose versions before say R, G, B and then fail
 
 
 def grey_of(plane: np.ndarray) -> np.ndarray:

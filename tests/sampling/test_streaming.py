@@ -13,7 +13,9 @@ import fuzz
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from exr_bytes import CHROMA_IS_HIDDEN
 from helpers import ROOT, Script, fails_in_one_line, stiff_radiance
+from image_bytes import IMAGE, hdr, pfm
 from lightdome.errors import LightdomeError
 from lightdome.maps.envmap import EnvironmentMap, Replaced
 from lightdome.maps.images import ImageRows, read_image, write_image
@@ -21,8 +23,6 @@ from lightdome.opencl.device import Device
 from lightdome.sampling.distribution import build_distribution
 from lightdome.sampling.samples import SEQUENCES, Samples
 from lightdome.sampling.streaming import sample_file
-from test_exr import CHROMA_IS_HIDDEN
-from test_images import IMAGE, hdr, pfm
 
 
 def shifted_exr(path: Path, radiance: np.ndarray, x: int, y: int, tile: int) -> Path:
