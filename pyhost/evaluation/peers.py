@@ -1,7 +1,7 @@
 """Other programs on the same sphere, as methods of the benchmark: numpy, Mitsuba 3 and PBRT.
 
     found = find(["numpy", "mitsuba", "pbrt"], envmap, resolution)
-    found.methods   # what is there, by name, for lightdome.evaluation.benchmark.measure
+    found.methods   # what is there, by name, for lightdome.evaluation.benchmark.measure_method
     found.absent    # what is not, by name, and why
 
 Same map, same resolution, same error measure, all cores. Each keeps the time of its stages by its own

@@ -16,7 +16,7 @@ from lightdome import reference
 from lightdome.disc import disc_mask
 from lightdome.errors import LightdomeError
 from lightdome.evaluation import peer_mitsuba, peer_numpy, peer_pbrt, peers
-from lightdome.evaluation.benchmark import Method, measure
+from lightdome.evaluation.benchmark import Method, measure_method
 from lightdome.evaluation.benchmark_plot import error_against_time
 from lightdome.evaluation.stability import chi_square_z
 from lightdome.lighting.exact import exact
@@ -241,7 +241,7 @@ def test_a_peer_is_random_if_another_seed_gives_another_image(tmp_path: Path, bl
         first, second = method.run(4, 1), method.run(4, 2)
         assert method.random == (not np.array_equal(first, second)), name
     assert not found.methods["pbrt-v3"].random
-    point = measure(found.methods["pbrt-v3"], 4, seeds=3, repeats=1, reference=np.ones((8, 8, 3)))
+    point = measure_method(found.methods["pbrt-v3"], 4, seeds=3, repeats=1, reference=np.ones((8, 8, 3)))
     assert point.seeds == 1
 
 
@@ -291,7 +291,7 @@ def test_pbrt_meets_the_exact_image(device: Device, blocks: EnvironmentMap) -> N
 
 def test_a_peers_time_is_its_own_clocks(blocks: EnvironmentMap) -> None:
     method = Method("p", "per pixel", lambda count, seed: np.ones((4, 4, 3)), peer=True, clock=lambda: {"a": 3, "b": 4})
-    point = measure(method, 2, seeds=2, repeats=3, reference=np.full((4, 4, 3), 2.0))
+    point = measure_method(method, 2, seeds=2, repeats=3, reference=np.full((4, 4, 3), 2.0))
     assert point.peer
     assert point.wall_seconds == 7
     assert point.stages == {"a": 3, "b": 4}

@@ -20,7 +20,7 @@ from lightdome.commands import settings
 from lightdome.disc import disc_mask
 from lightdome.errors import LightdomeError
 from lightdome.evaluation import benchmark, benchmark_plot, peer_mitsuba, report, report_figures, stability
-from lightdome.evaluation.report_figures import left_after_averaging
+from lightdome.evaluation.metrics import left_after_averaging
 from lightdome.evaluation.stability import Result
 from lightdome.evaluation.stability_cases import CASES
 from lightdome.lighting.exact import exact as exact_image
@@ -48,13 +48,13 @@ def out(device: Device, small_map: Path, tmp_path_factory: pytest.TempPathFactor
     methods = benchmark.methods(device, envmap, 21)
     reference = methods["exact"].run(1, 0)
     points = [
-        benchmark.measure(methods[name], count, 2, 1, reference)
+        benchmark.measure_method(methods[name], count, 2, 1, reference)
         for name in ("independent", "light", "harmonics", "exact")
         for count in (4, 16)
     ]
     options = QUICK | {"resolution": 21, "seeds": 2, "repeats": 1}
     made_with = settings.settings(device, envmap, options) | {"peers": {}, "absent": {"pbrt": "no pbrt on PATH"}}
-    benchmark.write_json(out / "bench" / "bench.json", points, made_with)
+    benchmark.write_method_json(out / "bench" / "bench.json", points, made_with)
     results = [
         *(stability.run(case, device, 1000) for case in CASES[:2]),
         Result("lightdome", "broken", "NaN", {"p": float("nan"), "image": 1e3}),
@@ -63,7 +63,7 @@ def out(device: Device, small_map: Path, tmp_path_factory: pytest.TempPathFactor
     ]
     made_with = settings.settings(device, None, {"quick": True, "draws": 1000})
     made_with |= {"peers": {"mitsuba": {"mitsuba": "3.9.1"}}, "absent": {}}
-    stability.write_json(out / "stability" / "stability.json", results, made_with)
+    stability.write_stability_json(out / "stability" / "stability.json", results, made_with)
     return out
 
 

@@ -21,7 +21,7 @@ from lightdome.checks import made
 from lightdome.disc import disc_mask
 from lightdome.errors import LightdomeError
 from lightdome.evaluation import peer_mitsuba, peer_mitsuba_distribution, peers, stability, stability_cases
-from lightdome.evaluation.stability import COLUMNS, Case, Figures, Lightdome, Result, Truth, measure
+from lightdome.evaluation.stability import COLUMNS, Case, Figures, Lightdome, Result, Truth, measure_sampler
 from lightdome.evaluation.stability_plot import colour
 from lightdome.float_range import LARGEST
 from lightdome.lighting.exact import exact
@@ -200,7 +200,7 @@ def shifted(samples: Samples) -> Samples:
 def test_a_defect_fails_the_columns_that_it_concerns(
     device: Device, stiff: EnvironmentMap, defect: dict[str, object], missed: set[str]
 ) -> None:
-    figures = measure(Broken(device, stiff, **defect), Truth(stiff.radiance), DRAWS)
+    figures = measure_sampler(Broken(device, stiff, **defect), Truth(stiff.radiance), DRAWS)
     assert missed <= set(Result("broken", "", "", figures).failures)
     assert missed or not Result("broken", "", "", figures).failures
 
@@ -211,14 +211,14 @@ def test_draws_that_are_too_even_for_chance_fail(device: Device, stiff: Environm
         def draw(self, count: int, seed: int) -> Samples:
             return self.distribution.sample(count, seed, sequence)
 
-    figures = measure(Even(build_distribution(device, stiff)), Truth(stiff.radiance), DRAWS)
+    figures = measure_sampler(Even(build_distribution(device, stiff)), Truth(stiff.radiance), DRAWS)
     assert Result("even", "", "", figures).failures == ["chi2"]
 
 
 def test_a_wrong_flux_fails(device: Device, stiff: EnvironmentMap) -> None:
     sampler = Lightdome(build_distribution(device, stiff))
     sampler.flux *= 1 + 3e-6
-    assert Result("broken", "", "", measure(sampler, Truth(stiff.radiance), DRAWS)).failures == ["flux"]
+    assert Result("broken", "", "", measure_sampler(sampler, Truth(stiff.radiance), DRAWS)).failures == ["flux"]
 
 
 @pytest.mark.parametrize(("change", "missed"), [(0, []), (-(2**21), ["cdf", "drawn"]), (2**15, ["drawn"])])
@@ -361,7 +361,7 @@ def mitsuba() -> Iterator[peer_mitsuba_distribution.Mitsuba]:
 
 def test_mitsuba_is_right_where_the_map_is_mild(mitsuba: peer_mitsuba_distribution.Mitsuba) -> None:
     radiance = np.random.default_rng(3).uniform(1, 2, (9, 14, 3)).astype(np.float32)
-    figures = measure(mitsuba.sampler(radiance), Truth(radiance), DRAWS)
+    figures = measure_sampler(mitsuba.sampler(radiance), Truth(radiance), DRAWS)
     assert figures["p"] < 1e-4
     assert max(figures["sum"], figures["flux"]) < 1e-6
     assert figures["image"] < 1e-4

@@ -123,6 +123,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "rates.py": ("test_device.py",),
     "reference.py": ("test_stability.py", "test_sphere.py"),
     "per_pixel.py": RENDER,
+    "metrics.py": (*SHOWN, "test_benchmark.py", "test_roofline.py", "test_report.py"),
     "report.py": (*SHOWN, "test_report.py"),
     "report_figures.py": (*SHOWN, "test_report.py"),
     "roofline.py": (*SHOWN, "test_roofline.py"),
@@ -135,6 +136,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "stability.py": (*SHOWN, "test_stability.py"),
     "stability_plot.py": (*SHOWN, "test_stability.py"),
     # the commands
+    "commands/roofline.py": ("test_options.py", *SHOWN),
     "commands/report.py": ("test_options.py", "test_report.py"),
     "commands/stability.py": ("test_options.py", "test_stability.py"),
     "_start.py": ("test_install.py", "test_interrupted.py::test_a_signal_that_a_shell_ignores_stays_ignored"),
@@ -1662,9 +1664,9 @@ FAULTS: list[Fault] = [
     host(
         "benchmark: the error with the background",
         "benchmark.py",
-        "difference = image[mask] - truth",
-        "difference = (image[mask] - truth) / 2",
-        "a factor",
+        "errors.append(relative_rmse(image[mask], truth))",
+        "errors.append(relative_rmse(image, reference))",
+        "a mask forgotten",
     ),
     host(
         "benchmark: a bias without its sign",
@@ -1674,10 +1676,10 @@ FAULTS: list[Fault] = [
         "a sign",
     ),
     host(
-        "benchmark: the spread is the range",
-        "benchmark.py",
-        "np.subtract(*np.percentile(walls, [75, 25])) / 2",
-        "np.subtract(*np.percentile(walls, [75, 25]))",
+        "metrics: the spread is the range",
+        "metrics.py",
+        "np.subtract(*np.percentile(values, [75, 25])) / 2",
+        "np.subtract(*np.percentile(values, [75, 25]))",
         "half of a distance",
     ),
     host(
@@ -1688,17 +1690,17 @@ FAULTS: list[Fault] = [
         "another statistic",
     ),
     host(
-        "benchmark: the cheapest is the most exact",
-        "benchmark.py",
+        "metrics: the cheapest is the most exact",
+        "metrics.py",
         "return min((m for m in points if m.rmse <= error), key=lambda m: m.wall_seconds, default=None)",
         "return min((m for m in points if m.rmse <= error), key=lambda m: m.rmse, default=None)",
         "another key",
     ),
     host(
-        "benchmark: a slope of decades",
-        "benchmark.py",
-        "logs = np.log([[m.count, m.rmse] for m in points])",
-        "logs = np.array([[m.count, m.rmse] for m in points])",
+        "metrics: an exponent of plain sizes",
+        "metrics.py",
+        "np.polyfit(np.log(sizes), np.log(values), 1)",
+        "np.polyfit(sizes, np.log(values), 1)",
         "a logarithm forgotten",
     ),
     host(
@@ -2117,8 +2119,8 @@ FAULTS: list[Fault] = [
     command(
         "bench: seeds and repeats exchanged",
         "bench.py",
-        "benchmark.measure(method, count, args.seeds, args.repeats,",
-        "benchmark.measure(method, count, args.repeats, args.seeds,",
+        "benchmark.measure_method(method, count, args.seeds, args.repeats,",
+        "benchmark.measure_method(method, count, args.repeats, args.seeds,",
         "two arguments exchanged",
     ),
     command(
@@ -2140,8 +2142,8 @@ FAULTS: list[Fault] = [
     command(
         "bench: errors against the other exact image",
         "bench.py",
-        "references[method.pixels]))",
-        'references["centres"]))',
+        "exact = references[method.pixels]",
+        'exact = references["centres"]',
         "the other exact image",
     ),
     command("bench: a bias not in percent", "bench.py", "{100 * p.bias:>9.3f}", "{p.bias:>9.3f}", "a unit"),
@@ -2160,13 +2162,13 @@ FAULTS: list[Fault] = [
         "one program's failure costs the others' results",
     ),
     command(
-        "bench: --repeats ignored with --roofline",
-        "bench.py",
-        "roofline.measure(device, stage, args.repeats)",
-        "roofline.measure(device, stage, 3)",
+        "roofline: --repeats ignored",
+        "roofline.py",
+        "roofline.time_stage(device, stage, args.repeats)",
+        "roofline.time_stage(device, stage, 3)",
         "an option ignored",
     ),
-    command("bench: GB for MB", "bench.py", "{1e-9 * rate:8.1f} GB/s", "{1e-6 * rate:8.1f} GB/s", "a unit"),
+    command("roofline: GB for MB", "roofline.py", "{1e-9 * rate:8.1f} GB/s", "{1e-6 * rate:8.1f} GB/s", "a unit"),
     command(
         "stability: --quick ignored",
         "stability.py",
