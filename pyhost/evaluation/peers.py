@@ -28,10 +28,10 @@ from ..errors import LightdomeError, shown
 from ..maps.envmap import EnvironmentMap
 from . import peer_mitsuba, peer_numpy
 from .benchmark import Method
+from .mitsuba_process import INSTALL, installed
 from .peer_pbrt import PbrtPeer
 
 NAMES = ("numpy", "mitsuba", "pbrt")
-INSTALL = "pip install 'lightdome[peers]'"
 
 Timed = Callable[[int, int, int], tuple[np.ndarray, dict[str, float]]]  # (resolution, count, seed) -> image, stages
 
@@ -80,17 +80,17 @@ def _method(name: str, kind: str, run: Timed, resolution: int, random: bool = Tr
 
 
 def _numpy(envmap: EnvironmentMap) -> Timed:
-    return lambda resolution, count, seed: peer_numpy.render(envmap.radiance, resolution, count, seed)
+    return lambda resolution, count, seed: peer_numpy.draw_and_shade(envmap.radiance, resolution, count, seed)
 
 
 def _find_mitsuba(peers: Peers, envmap: EnvironmentMap, resolution: int) -> None:
-    if not peer_mitsuba.installed():
+    if not installed():
         peers.absent["mitsuba"] = INSTALL
         return
     for variant in peer_mitsuba.VARIANTS:
         name = f"mitsuba {variant}"
         try:
-            mitsuba = peer_mitsuba.Mitsuba(variant, envmap.radiance)
+            mitsuba = peer_mitsuba.MitsubaRenderer(variant, envmap.radiance)
         except LightdomeError as error:
             peers.absent[name] = str(error)
             continue

@@ -19,7 +19,7 @@ from lightdome import __version__
 from lightdome.commands import settings
 from lightdome.disc import disc_mask
 from lightdome.errors import LightdomeError
-from lightdome.evaluation import benchmark, benchmark_plot, peer_mitsuba, report, report_figures, stability
+from lightdome.evaluation import benchmark, benchmark_plot, mitsuba_process, report, report_figures, stability
 from lightdome.evaluation.metrics import left_after_averaging
 from lightdome.evaluation.stability import Result
 from lightdome.evaluation.stability_cases import CASES
@@ -302,7 +302,7 @@ def test_other_programs_that_are_there_are_measured(
 
     monkeypatch.setattr(the_script, "Runs", Runs)
     monkeypatch.setattr(report, "write", lambda *_: 0)
-    monkeypatch.setattr(peer_mitsuba, "installed", lambda: there)
+    monkeypatch.setattr(mitsuba_process, "installed", lambda: there)
     options = argparse.Namespace(
         map=small_map, layer=None, flip=False, out=tmp_path, device=None, quick=True, sanitize=False, pbrt=None
     )
