@@ -30,7 +30,9 @@ def main() -> None:
     )
     parser.add_argument("--repeats", type=cli.times, default=5, metavar="N", help="runs for the times")
     parser.add_argument(
-        "--quick", action="store_true", help="smaller maps and images, fewer counts and repeats: a few minutes"
+        "--quick",
+        action="store_true",
+        help="smaller maps and images, fewer counts and repeats: about a minute on two cores",
     )
     cli.device_option(parser)
     args = parser.parse_args()

@@ -54,7 +54,7 @@ class MitsubaRenderer:
     def __init__(self, variant: str, radiance: np.ndarray) -> None:
         self.variant = variant
         start = time.perf_counter()
-        self._process = MitsubaProcess(Scenes, variant, between_poles(radiance))
+        self._process = MitsubaProcess(SphereWorker, variant, between_poles(radiance))
         self._taken: dict[int, int] = {}
         self.about: dict[str, object] = {
             **self._process.about,
@@ -78,7 +78,7 @@ class MitsubaRenderer:
 # ---- in the process ----
 
 
-class Scenes:
+class SphereWorker:
     """The map as Mitsuba's bitmap; it draws a small image before it counts as there."""
 
     def __init__(self, variant: str, rows: np.ndarray) -> None:

@@ -41,7 +41,7 @@ def start() -> Iterator[MitsubaSamplers]:
     """Start the process; it ends with the block. Raises :class:`LightdomeError` where Mitsuba does not work."""
     if not installed():
         raise LightdomeError(INSTALL)
-    process = MitsubaProcess(Distribution)
+    process = MitsubaProcess(DistributionWorker)
     try:
         yield MitsubaSamplers(process)
     finally:
@@ -101,7 +101,7 @@ class MitsubaSampler:
 # ---- in the process ----
 
 
-class Distribution:
+class DistributionWorker:
     """The distribution that was built last."""
 
     def __init__(self) -> None:
