@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> None:
         print(f"copy of {size >> 20:>4} MiB: {1e-9 * rate:8.1f} GB/s")
     print(f"multiply-adds:    {1e-9 * limits.multiply_adds:8.1f} G/s")
     print(f"launch:           {1e6 * limits.launch_seconds:8.1f} us")
-    heads = f"{'stage':<18}{'map':>13}{'image':>6}{'N':>9}{'ms':>11}{'spread':>9}{'M a second':>20}"
+    heads = f"{'stage':<18}{'map':>13}{'image':>6}{'N':>9}{'ms':>11}{'spread':>9}{'M per second':>20}"
     print(f"\n{heads}{'share of its limit':>22}")
     for p in points:
         size = f"{p.width} x {p.height}" if p.width else ""

@@ -182,7 +182,7 @@ def measure_method(method: Method, count: int, seeds: int, repeats: int, referen
 
 
 def write_method_csv(path: Path, points: Sequence[MethodMeasurement]) -> None:
-    """One row a measurement, a column a figure; stages in seconds as ``stage <name>``."""
+    """A row for each measurement, a column for each figure; stages in seconds as ``stage <name>``."""
     names = list(dict.fromkeys(stage for p in points for stage in p.stages))
     columns = [f.name for f in fields(MethodMeasurement) if f.name != "stages"]
     rows = ([*(getattr(p, c) for c in columns), *(p.stages.get(name) for name in names)] for p in points)

@@ -63,7 +63,7 @@ def _label_decades(axes: Axes) -> None:
 
 @plotting.plain()
 def error_against_time(points: Sequence[MethodMeasurement], title: str) -> Figure:
-    """Log-log, a line a method, the Pareto front drawn, with read-outs at equal error and equal time."""
+    """Log-log, a line for each method, the Pareto front drawn, with read-outs at equal error and equal time."""
     exact = [p for p in points if p.rmse < ROUNDING]
     points = [p for p in points if p.rmse >= ROUNDING]
     figure, axes = _axes(title)
@@ -122,7 +122,7 @@ def _read_outs(points: Sequence[MethodMeasurement]) -> str:
 
 @plotting.plain()
 def error_against_count(points: Sequence[MethodMeasurement], title: str) -> Figure:
-    """Log-log, a line a method with its spread over the seeds, the fitted slope in the legend."""
+    """Log-log, a line for each method with its spread over the seeds, the fitted slope in the legend."""
     figure, axes = _axes(title)
     lines = {n: line for n, line in _by_method([p for p in points if p.rmse > 0]).items() if len(line) > 1}
     for i, (name, line) in enumerate(lines.items()):
@@ -145,7 +145,7 @@ def error_against_count(points: Sequence[MethodMeasurement], title: str) -> Figu
 
 @plotting.plain()
 def stages(points: Sequence[MethodMeasurement], title: str) -> Figure:
-    """A bar a run: time of each stage stacked, and what the host adds up to the wall time."""
+    """A bar for each run: time of each stage stacked, and what the host adds up to the wall time."""
     points = [p for p in points if p.stages]
     names = list(dict.fromkeys(stage for p in points for stage in p.stages))
     figure = Figure(figsize=(9, 0.8 + 0.22 * max(len(points), 6)), layout="constrained")

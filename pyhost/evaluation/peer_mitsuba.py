@@ -48,7 +48,7 @@ class MitsubaRenderer:
     ``MitsubaRenderer(variant, radiance)`` raises :class:`LightdomeError` where Mitsuba, or for ``llvm_ad_rgb`` an
     LLVM of version 17 or newer, is missing or does not work. Its process ends with the object.
     ``about`` says what runs: version, LLVM, threads, the seconds of its start with a first, small image, and
-    the samples that it took a pixel by those that it was told.
+    the samples that it took per pixel by those that it was told.
     """
 
     def __init__(self, variant: str, radiance: np.ndarray) -> None:
@@ -91,7 +91,7 @@ class SphereWorker:
         self.draw(8, 1, 0)
 
     def draw(self, resolution: int, spp: int, seed: int) -> tuple[np.ndarray, dict[str, float], int]:
-        """The image, the seconds of its stages, and the samples that were taken for a pixel."""
+        """The image, the seconds of its stages, and the samples that were taken per pixel."""
         import mitsuba
 
         start = time.perf_counter()

@@ -8,7 +8,7 @@ Same map, same resolution, same error measure, all cores. Each keeps the time of
 clock, so that start-up and compilation stay apart; ``found.about`` says what each time holds. What is not
 there, or fails when it is tried, is absent: nothing is guessed.
 
-numpy shares samples among all pixels like lightdome's own shared methods; Mitsuba and PBRT draw samples a
+numpy shares samples among all pixels like lightdome's own shared methods; Mitsuba and PBRT draw samples per
 pixel. numpy takes a pixel of the map for the direction of its centre. PBRT-v4 has a square whose texels, areas
 of constant radiance, share out the flux of the map's pixels; PBRT-v3 and Mitsuba interpolate between pixels. So
 neither exact image is quite what these three converge to. That of areas is the nearer one, which they are

@@ -81,7 +81,7 @@ class Images:
         """The shared and the per-pixel images by the names that figures and tables give them."""
         return (
             {f"{n} shared": image for n, image in self.shared.items()},
-            {f"{n} a pixel": image for n, image in self.per_pixel.items()},
+            {f"{n} per pixel": image for n, image in self.per_pixel.items()},
         )
 
     def alike(self) -> tuple[tuple[str, np.ndarray], tuple[str, np.ndarray]]:
@@ -333,7 +333,7 @@ def _stability(content: Mapping[str, Any]) -> dict[str, object]:
 
 
 def _table(program: str, cases: Sequence[Mapping[str, Any]], goals: Mapping[str, Any]) -> dict[str, object]:
-    """The columns that apply: name, goal, meaning; a row a case: group, name, what went wrong, coloured cells."""
+    """The columns that apply: name, goal, meaning; for each case its group, name, what went wrong, coloured cells."""
     columns = {name: column for name, column in goals.items() if any(name in case["figures"] for case in cases)}
     rows = []
     for case in cases:

@@ -1,10 +1,10 @@
 """Stages against the machine's own limits, measured in the same run.
 
-A machine moves so many bytes a second and multiplies and adds so many float32 a second, and both are measured
+A machine moves so many bytes per second and multiplies and adds so many float32 per second, and both are measured
 here by small kernels of our own (``copy.cl``, ``multiply_add.cl``; ``launch.cl`` does nothing). A stage must
 move some bytes and needs some operations, so the machine cannot finish it before
 
-    max(bytes / bandwidth, operations / multiply-adds a second)
+    max(bytes / bandwidth, operations / multiply-adds per second)
 
 and the share of that time in the stage's own is how near it comes to the roof of Williams, Waterman, Patterson,
 Roofline: An Insightful Visual Performance Model (2009). Bandwidth is that of a copy of as many bytes as the stage
@@ -53,8 +53,8 @@ AXES = ("map", "resolution", "N")
 class Limits:
     """What the device can do at most.
 
-    - ``copies``: bytes a second, read and written, by the bytes that a copy touches
-    - ``multiply_adds``: float32 multiply-adds a second
+    - ``copies``: bytes per second, read and written, by the bytes that a copy touches
+    - ``multiply_adds``: float32 multiply-adds per second
     - ``launch_seconds``: wall time of a kernel that does nothing, from the call until it is known to be done
     """
 
@@ -63,7 +63,7 @@ class Limits:
     launch_seconds: float
 
     def bandwidth(self, size: float) -> float:
-        """Bytes a second of a copy that touches ``size`` bytes, between those measured."""
+        """Bytes per second of a copy that touches ``size`` bytes, between those measured."""
         return float(np.interp(np.log(max(size, 1.0)), np.log(list(self.copies)), list(self.copies.values())))
 
     def best(self, other: Limits) -> Limits:
@@ -82,7 +82,7 @@ class Timing:
     Kernels that write memory which is new each time, as large results are, also wait for the system to clear its pages.
     ``peak_bytes`` is the host's memory that a run takes beyond what was there before; None where the system does
     not tell. On a device that shares the host's memory, that is all of it. ``bandwidth`` is that of copies between the
-    repeats, bytes a second, for stages that have any.
+    repeats, bytes per second, for stages that have any.
     """
 
     stage: Stage
@@ -304,7 +304,7 @@ def exponents(points: Sequence[StageMeasurement]) -> dict[str, dict[str, float |
 
 
 def write_stage_csv(path: Path, points: Sequence[StageMeasurement]) -> None:
-    """One row a measurement, a column a figure; seconds, bytes, and amounts a second."""
+    """A row for each measurement, a column for each figure; seconds, bytes, and amounts per second."""
     write_table(path, [f.name for f in fields(StageMeasurement)], map(astuple, points))
 
 

@@ -35,7 +35,7 @@ def _styles(points: Sequence[StageMeasurement]) -> dict[str, dict[str, object]]:
 
 @plotting.plain()
 def roofline(points: Sequence[StageMeasurement], limits: Limits, title: str) -> Figure:
-    """Operations a second against operations a byte, log-log: a mark for a stage's longest run, small ones for others.
+    """Operations per second over operations per byte, log-log: a mark for a stage's longest run, small ones for others.
 
     A hollow mark is a stage that was counted as brute force, so it may lie above the roof.
     """
@@ -46,8 +46,8 @@ def roofline(points: Sequence[StageMeasurement], limits: Limits, title: str) -> 
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.grid(True, alpha=0.25)
-    axes.set_xlabel("operations on float32 a byte")
-    axes.set_ylabel("operations a second")
+    axes.set_xlabel("operations on float32 per byte")
+    axes.set_ylabel("operations per second")
 
     intensity = [p.operations / p.bytes for p in points]
     x = np.geomspace(min(intensity) / 2, max(intensity) * 8, 200)

@@ -374,7 +374,7 @@ def run_peer(case: Case, name: str, sampler: Callable[[np.ndarray], Sampler], dr
 
 
 def write_stability_csv(path: Path, results: Sequence[Result]) -> None:
-    """One row a program and case; blank where a figure does not apply."""
+    """A row for each program and case; blank where a figure does not apply."""
     names = [*COLUMNS, *LIMITS]
     rows = (
         [r.program, r.group, r.case, r.verdict, *(r.figures.get(name) for name in names), r.remark] for r in results

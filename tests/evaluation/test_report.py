@@ -249,7 +249,7 @@ def test_the_numbers_are_those_of_the_runs(device: Device, small_map: Path, made
     assert d["seeds"][0][:3] == ["independent", "4", "2"]
     # Parts 2 and 3 share their samples: their errors hardly fall; those of part 4 do.
     fallen = {name: float(times) for name, *_, times in d["averaging"]}
-    assert fallen["64 shared"] < 2 < 5 < fallen["64 a pixel"]
+    assert fallen["64 shared"] < 2 < 5 < fallen["64 per pixel"]
 
 
 def test_the_stability_table_shows_failures_and_peers_beside_them(made: Path) -> None:

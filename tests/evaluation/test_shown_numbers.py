@@ -446,8 +446,8 @@ def test_a_launch_is_timed_from_the_call_to_its_end(device: Device, monkeypatch:
 def test_the_roof_is_that_of_the_limits() -> None:
     (axes,) = roofline_plot.roofline(RATED, LIMITS_MEASURED, "a device").axes
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
-    assert axes.get_xlabel() == "operations on float32 a byte"
-    assert axes.get_ylabel() == "operations a second"
+    assert axes.get_xlabel() == "operations on float32 per byte"
+    assert axes.get_ylabel() == "operations per second"
     assert axes.get_title(loc="left") == "a device"
     named = lines(axes)
     for size, rate in ((2**25, 83e9), (2**29, 17e9)):
@@ -551,7 +551,7 @@ def test_the_roofline_s_script_prints_what_it_measured(
     assert re.search(r"^multiply-adds: +143\.0 G/s$", printed, re.MULTILINE)
     assert re.search(r"^launch: +7\.3 us$", printed, re.MULTILINE)
     table = printed[printed.index("stage  ") :].splitlines()
-    heads = ["stage", "map", "image", "N", "ms", "spread", "M a second", "share of its limit"]
+    heads = ["stage", "map", "image", "N", "ms", "spread", "M per second", "share of its limit"]
     assert re.split(r"\s{2,}", table[0].replace("map image", "map  image")) == heads
     points = [roofline.rated(t, best) for t in TIMINGS]
     for line, p in zip(table[1:], points, strict=False):
@@ -776,7 +776,7 @@ def test_the_report_s_errors_are_in_percent_against_their_own_exact_image(told: 
             assert close(row["largest error, %"], 100 * np.abs(difference).max() / exact.max())
             assert rounded(row["mean error, %"], 100 * difference.mean() / exact[mask].mean(dtype=np.float64))
     kinds = [(n, i, images.exact, "shared") for n, i in images.shared.items()]
-    kinds += [(n, i, images.exact_per_pixel, "a pixel") for n, i in images.per_pixel.items()]
+    kinds += [(n, i, images.exact_per_pixel, "per pixel") for n, i in images.per_pixel.items()]
     assert told.d["averaged"] == 16
     heads = ("image", "RMSE, %", "over squares of #d.averaged, %", "times smaller")
     for row, (n, image, exact, kind) in zip(told.d["averaging"], kinds, strict=True):
@@ -788,7 +788,7 @@ def test_the_report_s_errors_are_in_percent_against_their_own_exact_image(told: 
         assert rounded(cells["times smaller"], before / after)
     assert ", ".join(f"[{head}]" for head in heads) in TEMPLATE
     distances = {
-        (f"{a} shared", f"{b} a pixel"): abs(math.log(rmse(i, images.exact) / rmse(j, images.exact_per_pixel)))
+        (f"{a} shared", f"{b} per pixel"): abs(math.log(rmse(i, images.exact) / rmse(j, images.exact_per_pixel)))
         for a, i in images.shared.items()
         for b, j in images.per_pixel.items()
     }
@@ -916,14 +916,14 @@ def test_the_pictures_of_bias_and_noise_are_in_percent_of_the_mean(told: SimpleN
     images = told.images
     shared, per_pixel = images.shared[6], images.per_pixel[8]
     figure = report_figures.bias_and_noise(
-        ("6 shared", shared), ("8 a pixel", per_pixel), images.exact, images.exact_per_pixel
+        ("6 shared", shared), ("8 per pixel", per_pixel), images.exact, images.exact_per_pixel
     )
     pictures = {axes.get_title(): axes.images[0] for axes in figure.axes if axes.images and axes.get_title()}
     mask = disc_mask(70)
     mean = images.exact[mask].mean(dtype=np.float64)
     (bar,) = [axes for axes in figure.axes if axes.get_label() == "<colorbar>"]
     assert bar.get_xlabel() == "error, % of the mean radiance"
-    for name, image, exact in (("6 shared", shared, images.exact), ("8 a pixel", per_pixel, images.exact_per_pixel)):
+    for name, image, exact in (("6 shared", shared, images.exact), ("8 per pixel", per_pixel, images.exact_per_pixel)):
         difference = (image.astype(np.float64) - exact).mean(axis=2) / mean
         np.testing.assert_allclose(
             pictures[name].get_array()[mask] * unit(bar.get_xlabel()), difference[mask], atol=1e-6
@@ -939,7 +939,7 @@ def test_the_pictures_of_bias_and_noise_are_in_percent_of_the_mean(told: SimpleN
     assert curves.get_ylabel() == "radiance, mean of R, G, B"
     x = np.flatnonzero(mask[35])
     for name, data in lines(curves).items():
-        image = {"6 shared": shared, "8 a pixel": per_pixel, "exact": images.exact}[name]
+        image = {"6 shared": shared, "8 per pixel": per_pixel, "exact": images.exact}[name]
         np.testing.assert_allclose(data, np.stack([x, image[35, x].astype(np.float64).mean(axis=1)], axis=1))
     assert len(lines(curves)) == 3
 
