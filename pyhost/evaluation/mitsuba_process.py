@@ -75,8 +75,7 @@ class MitsubaProcess:
         except (EOFError, OSError):
             self._process.join(10)
             code = self._process.exitcode
-            crashed = code is not None and code < 0
-            how = f"crashed (signal {-code})" if crashed else f"ended with exit status {code}"
+            how = f"crashed (signal {-code})" if code is not None and code < 0 else f"ended with exit status {code}"
             answer, error = None, f"Mitsuba's process {how}; its LLVM may not fit this machine"
             self.stop()
         if error:
