@@ -24,7 +24,8 @@ class Adder:
         self.about = {"sum": float(kept.sum())}
 
     def add(self, value: float) -> np.ndarray:
-        print("noise")
+        for stream in (1, 2):  # as a library in C does
+            os.write(stream, b"noise")
         return self.kept + value
 
     def fail(self) -> None:
