@@ -49,7 +49,7 @@ def adder() -> Iterator[MitsubaProcess]:
 
 
 def test_the_process_keeps_its_worker_and_survives_an_error(
-    adder: MitsubaProcess, capfd: pytest.CaptureFixture[str]
+    capfd: pytest.CaptureFixture[str], adder: MitsubaProcess
 ) -> None:
     assert adder.about == {"sum": 199_999 * 100_000.0}
     for value in (1, 2):
