@@ -48,14 +48,18 @@ def adder() -> Iterator[MitsubaProcess]:
     process.stop()
 
 
-def test_the_process_keeps_its_worker_and_survives_an_error(
-    capfd: pytest.CaptureFixture[str], adder: MitsubaProcess
-) -> None:
+def test_the_process_keeps_its_worker_and_survives_an_error(adder: MitsubaProcess) -> None:
     assert adder.about == {"sum": 199_999 * 100_000.0}
     for value in (1, 2):
         np.testing.assert_array_equal(adder.call("add", value, timeout=60), np.arange(200_000.0) + value)
         with pytest.raises(LightdomeError, match=r"^ValueError: no such map$"):
             adder.call("fail", timeout=60)
+
+
+def test_the_process_writes_nothing_on_the_terminal(capfd: pytest.CaptureFixture[str]) -> None:
+    process = MitsubaProcess(Adder, np.ones(1))  # not before capfd has taken over the streams that it inherits
+    process.call("add", 1, timeout=60)
+    process.stop()
     assert capfd.readouterr() == ("", "")
 
 
