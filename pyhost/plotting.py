@@ -1,4 +1,7 @@
-"""Matplotlib for plots in files, whatever backend and settings the environment asks for. Import before matplotlib."""
+"""Matplotlib for plots in files, whatever backend and settings the environment asks for, and the plots' colours.
+
+Import it before matplotlib.
+"""
 
 from __future__ import annotations
 
