@@ -35,6 +35,7 @@ SCRIPTS = {
     "bench": ("--quick", "--methods", "r2", "--counts", "16", "--seeds", "1", "--resolution", "63"),
 }
 OTHERS = {
+    "roofline": ("--quick",),
     "stability": ("--quick",),
     "report": ("--quick",),
     "make_default_map": (),

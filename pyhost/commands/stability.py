@@ -32,8 +32,8 @@ def run(args: argparse.Namespace) -> None:
 
     from ..errors import LightdomeError
     from ..evaluation import peer_mitsuba_distribution, stability, stability_plot
-    from ..evaluation.benchmark_plot import save
     from ..evaluation.stability_cases import CASES
+    from ..plotting import save_figure
     from ..progress import Progress
     from .settings import settings
 
@@ -62,10 +62,10 @@ def run(args: argparse.Namespace) -> None:
         print(f"peer {name}: absent ({reason})")
 
     made_with = settings(device, None, vars(args) | {"draws": draws}) | {"peers": about, "absent": absent}
-    stability.write_csv(out / "stability.csv", results)
-    stability.write_json(out / "stability.json", results, made_with)
+    stability.write_stability_csv(out / "stability.csv", results)
+    stability.write_stability_json(out / "stability.json", results, made_with)
     stability.write_markdown(out / "stability.md", results)
-    save(
+    save_figure(
         stability_plot.table(results, f"Stability, {draws:,} draws a case, {device.handle.name.strip()}"),
         out / "stability.png",
     )

@@ -16,15 +16,16 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 from matplotlib.transforms import Bbox
 
-from .benchmark_plot import COLOURS, MARKERS
-from .roofline import AXES, Limits, Measurement, exponent, extent, lines
+from ..plotting import COLOURS, MARKERS
+from .metrics import exponent
+from .roofline import AXES, Limits, StageMeasurement, extent, lines
 
 SHAPES = [*MARKERS, "d", (4, 1, 0)]
 LABEL_OFFSETS = [(sign * 8, dy, side) for dy in (0, 8, -8, 16, -16) for sign, side in ((1, "left"), (-1, "right"))]
 AXIS_LABELS = {"map": "pixels of the map", "resolution": "pixels of the image", "N": "N, samples or lights"}
 
 
-def _styles(points: Sequence[Measurement]) -> dict[str, dict[str, object]]:
+def _styles(points: Sequence[StageMeasurement]) -> dict[str, dict[str, object]]:
     """A colour and a marker for each stage, the same in all pictures; markers tell stages apart in grey."""
     names = list(dict.fromkeys(p.stage for p in points))
     return {
@@ -33,8 +34,8 @@ def _styles(points: Sequence[Measurement]) -> dict[str, dict[str, object]]:
 
 
 @plotting.plain()
-def roofline(points: Sequence[Measurement], limits: Limits, title: str) -> Figure:
-    """Operations a second against operations a byte, log-log: a mark for a stage's longest run, small ones for others.
+def roofline(points: Sequence[StageMeasurement], limits: Limits, title: str) -> Figure:
+    """Operations per second over operations per byte, log-log: a mark for a stage's longest run, small ones for others.
 
     A hollow mark is a stage that was counted as brute force, so it may lie above the roof.
     """
@@ -45,8 +46,8 @@ def roofline(points: Sequence[Measurement], limits: Limits, title: str) -> Figur
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.grid(True, alpha=0.25)
-    axes.set_xlabel("operations on float32 a byte")
-    axes.set_ylabel("operations a second")
+    axes.set_xlabel("operations on float32 per byte")
+    axes.set_ylabel("operations per second")
 
     intensity = [p.operations / p.bytes for p in points]
     x = np.geomspace(min(intensity) / 2, max(intensity) * 8, 200)
@@ -97,7 +98,7 @@ def _annotate(figure: Figure, axes: Axes, labels: Sequence[tuple[tuple[float, fl
         taken.append(box)
 
 
-def _size(point: Measurement) -> str:
+def _size(point: StageMeasurement) -> str:
     parts = []
     if point.width:
         parts.append(f"{point.width} x {point.height}")
@@ -109,7 +110,7 @@ def _size(point: Measurement) -> str:
 
 
 @plotting.plain()
-def scaling(points: Sequence[Measurement], title: str) -> Figure:
+def scaling(points: Sequence[StageMeasurement], title: str) -> Figure:
     """Time and peak memory against the size of the map, of the image, and N; fitted exponents in the legends."""
     styles = _styles(points)
     figure = Figure(figsize=(13, 10), layout="constrained")
@@ -141,7 +142,7 @@ def scaling(points: Sequence[Measurement], title: str) -> Figure:
     return figure
 
 
-def _tick(point: Measurement, axis: str) -> str:
+def _tick(point: StageMeasurement, axis: str) -> str:
     return {
         "map": f"{point.width} x {point.height}",
         "resolution": f"{point.resolution} x {point.resolution}",

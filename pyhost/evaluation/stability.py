@@ -8,8 +8,6 @@ float64. :mod:`lightdome.evaluation.stability_cases` has the cases,
 
 from __future__ import annotations
 
-import csv
-import json
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -23,7 +21,7 @@ from .. import reference
 from ..checks import made
 from ..disc import disc_mask
 from ..errors import LightdomeError
-from ..files import replacing
+from ..files import replacing, write_json, write_table
 from ..float_range import LARGEST
 from ..lighting.exact import exact
 from ..lighting.shade import shade_samples
@@ -209,7 +207,7 @@ class Truth:
         return reference.shade(normals, direction, self.radiance[y, x].astype(np.float64), density)
 
 
-def measure(sampler: Sampler, truth: Truth, draws: int) -> Figures:
+def measure_sampler(sampler: Sampler, truth: Truth, draws: int) -> Figures:
     """The figures of ``sampler`` that any sampler has: ``p``, ``tiny``, ``sum``, ``zero``, ``chi2``, ``flux``,
     ``image`` of a few of its samples, ``nonfinite``."""
     height, width = truth.height, truth.width
@@ -259,7 +257,7 @@ def measure_map(device: Device, radiance: np.ndarray, draws: int) -> Figures:
     truth = Truth(radiance)
     envmap = EnvironmentMap(radiance)
     distribution = build_distribution(device, envmap)
-    figures = measure(Lightdome(distribution), truth, draws)
+    figures = measure_sampler(Lightdome(distribution), truth, draws)
     _add(figures, cdf_figures(distribution, truth))
     if truth.height * truth.width <= 2**23:
         image = exact(device, envmap, truth.resolution)
@@ -368,25 +366,23 @@ def run_peer(case: Case, name: str, sampler: Callable[[np.ndarray], Sampler], dr
     parts = case.maps() if case.maps else []
     try:
         for radiance in parts:
-            _worst(figures, measure(sampler(radiance), Truth(radiance), -(-draws // len(parts))))
+            _worst(figures, measure_sampler(sampler(radiance), Truth(radiance), -(-draws // len(parts))))
     except LightdomeError as error:
         return Result(name, case.group, case.name, skipped=str(error), judged=False)
     figures.pop("wrong", None)  # the pixels outside the disc are not the peer's doing
     return Result(name, case.group, case.name, figures, judged=False)
 
 
-def write_csv(path: Path, results: Sequence[Result]) -> None:
-    """One row a program and case; blank where a figure does not apply."""
+def write_stability_csv(path: Path, results: Sequence[Result]) -> None:
+    """A row for each program and case; blank where a figure does not apply."""
     names = [*COLUMNS, *LIMITS]
-    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["program", "group", "case", "verdict", *names, "remark"])
-        for r in results:
-            figures = (r.figures.get(name, "") for name in names)
-            writer.writerow([r.program, r.group, r.case, r.verdict, *figures, r.remark])
+    rows = (
+        [r.program, r.group, r.case, r.verdict, *(r.figures.get(name) for name in names), r.remark] for r in results
+    )
+    write_table(path, ["program", "group", "case", "verdict", *names, "remark"], rows)
 
 
-def write_json(path: Path, results: Sequence[Result], settings: Mapping[str, object]) -> None:
+def write_stability_json(path: Path, results: Sequence[Result], settings: Mapping[str, object]) -> None:
     """The settings, the columns with their goals, and all results; a number that is none is a text."""
     columns = {name: asdict(column) for name, column in COLUMNS.items()}
     cases = [
@@ -400,9 +396,7 @@ def write_json(path: Path, results: Sequence[Result], settings: Mapping[str, obj
         }
         for r in results
     ]
-    with replacing(path) as temporary:
-        text = json.dumps({**settings, "columns": columns, "limits": LIMITS, "cases": cases}, indent=2, allow_nan=False)
-        temporary.write_text(text + "\n", encoding="utf-8")
+    write_json(path, {**settings, "columns": columns, "limits": LIMITS, "cases": cases})
 
 
 def write_markdown(path: Path, results: Sequence[Result]) -> None:

@@ -25,7 +25,7 @@ from matplotlib.transforms import Bbox
 from numpy.typing import ArrayLike
 
 from ..errors import exactly
-from ..files import replacing
+from ..plotting import BLACK, BLUE, VERMILLION
 from .equations import (
     RIGHT_ANGLE,
     brewster_angle,
@@ -39,7 +39,7 @@ from .equations import (
 )
 
 DPI = 150
-BLACK, BLUE, VERMILLION, GREY = "#000000", "#0072B2", "#D55E00", "#E6E6E6"
+GREY = "#E6E6E6"
 
 _STYLE = {
     "figure.dpi": DPI,
@@ -53,8 +53,6 @@ _STYLE = {
     "grid.linewidth": 0.6,
     "legend.frameon": False,
     "mathtext.default": "regular",
-    # Without a fixed salt the SVG's identifiers, and so the file, would differ from run to run.
-    "svg.hashsalt": "lightdome",
 }
 
 
@@ -300,12 +298,7 @@ def save(figure: Figure, stem: str | Path) -> list[Path]:
     cannot be written.
     """
     stem = Path(stem)
-    metadata = {"png": {}, "svg": {"Date": None}}
-    paths = []
-    with plotting.plain(**_STYLE):
-        for kind, extra in metadata.items():
-            path = stem.with_name(f"{stem.name}.{kind}")
-            with replacing(path) as temporary:
-                figure.savefig(temporary, format=kind, dpi=DPI, metadata=extra)
-            paths.append(path)
+    paths = [stem.with_name(f"{stem.name}.{kind}") for kind in ("png", "svg")]
+    for path in paths:
+        plotting.save_figure(figure, path, DPI, **_STYLE)
     return paths

@@ -19,8 +19,8 @@ from lightdome import __version__
 from lightdome.commands import settings
 from lightdome.disc import disc_mask
 from lightdome.errors import LightdomeError
-from lightdome.evaluation import benchmark, benchmark_plot, peer_mitsuba, report, report_figures, stability
-from lightdome.evaluation.report_figures import left_after_averaging
+from lightdome.evaluation import benchmark, benchmark_plot, mitsuba_process, report, report_figures, stability
+from lightdome.evaluation.metrics import left_after_averaging
 from lightdome.evaluation.stability import Result
 from lightdome.evaluation.stability_cases import CASES
 from lightdome.lighting.exact import exact as exact_image
@@ -48,13 +48,13 @@ def out(device: Device, small_map: Path, tmp_path_factory: pytest.TempPathFactor
     methods = benchmark.methods(device, envmap, 21)
     reference = methods["exact"].run(1, 0)
     points = [
-        benchmark.measure(methods[name], count, 2, 1, reference)
+        benchmark.measure_method(methods[name], count, 2, 1, reference)
         for name in ("independent", "light", "harmonics", "exact")
         for count in (4, 16)
     ]
     options = QUICK | {"resolution": 21, "seeds": 2, "repeats": 1}
     made_with = settings.settings(device, envmap, options) | {"peers": {}, "absent": {"pbrt": "no pbrt on PATH"}}
-    benchmark.write_json(out / "bench" / "bench.json", points, made_with)
+    benchmark.write_method_json(out / "bench" / "bench.json", points, made_with)
     results = [
         *(stability.run(case, device, 1000) for case in CASES[:2]),
         Result("lightdome", "broken", "NaN", {"p": float("nan"), "image": 1e3}),
@@ -63,7 +63,7 @@ def out(device: Device, small_map: Path, tmp_path_factory: pytest.TempPathFactor
     ]
     made_with = settings.settings(device, None, {"quick": True, "draws": 1000})
     made_with |= {"peers": {"mitsuba": {"mitsuba": "3.9.1"}}, "absent": {}}
-    stability.write_json(out / "stability" / "stability.json", results, made_with)
+    stability.write_stability_json(out / "stability" / "stability.json", results, made_with)
     return out
 
 
@@ -249,7 +249,7 @@ def test_the_numbers_are_those_of_the_runs(device: Device, small_map: Path, made
     assert d["seeds"][0][:3] == ["independent", "4", "2"]
     # Parts 2 and 3 share their samples: their errors hardly fall; those of part 4 do.
     fallen = {name: float(times) for name, *_, times in d["averaging"]}
-    assert fallen["64 shared"] < 2 < 5 < fallen["64 a pixel"]
+    assert fallen["64 shared"] < 2 < 5 < fallen["64 per pixel"]
 
 
 def test_the_stability_table_shows_failures_and_peers_beside_them(made: Path) -> None:
@@ -302,7 +302,7 @@ def test_other_programs_that_are_there_are_measured(
 
     monkeypatch.setattr(the_script, "Runs", Runs)
     monkeypatch.setattr(report, "write", lambda *_: 0)
-    monkeypatch.setattr(peer_mitsuba, "installed", lambda: there)
+    monkeypatch.setattr(mitsuba_process, "installed", lambda: there)
     options = argparse.Namespace(
         map=small_map, layer=None, flip=False, out=tmp_path, device=None, quick=True, sanitize=False, pbrt=None
     )

@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -20,8 +21,8 @@ from lightdome import reference
 from lightdome.checks import made
 from lightdome.disc import disc_mask
 from lightdome.errors import LightdomeError
-from lightdome.evaluation import peer_mitsuba, peer_mitsuba_distribution, peers, stability, stability_cases
-from lightdome.evaluation.stability import COLUMNS, Case, Figures, Lightdome, Result, Truth, measure
+from lightdome.evaluation import mitsuba_process, peer_mitsuba_distribution, peers, stability, stability_cases
+from lightdome.evaluation.stability import COLUMNS, Case, Figures, Lightdome, Result, Truth, measure_sampler
 from lightdome.evaluation.stability_plot import colour
 from lightdome.float_range import LARGEST
 from lightdome.lighting.exact import exact
@@ -200,7 +201,7 @@ def shifted(samples: Samples) -> Samples:
 def test_a_defect_fails_the_columns_that_it_concerns(
     device: Device, stiff: EnvironmentMap, defect: dict[str, object], missed: set[str]
 ) -> None:
-    figures = measure(Broken(device, stiff, **defect), Truth(stiff.radiance), DRAWS)
+    figures = measure_sampler(Broken(device, stiff, **defect), Truth(stiff.radiance), DRAWS)
     assert missed <= set(Result("broken", "", "", figures).failures)
     assert missed or not Result("broken", "", "", figures).failures
 
@@ -211,14 +212,14 @@ def test_draws_that_are_too_even_for_chance_fail(device: Device, stiff: Environm
         def draw(self, count: int, seed: int) -> Samples:
             return self.distribution.sample(count, seed, sequence)
 
-    figures = measure(Even(build_distribution(device, stiff)), Truth(stiff.radiance), DRAWS)
+    figures = measure_sampler(Even(build_distribution(device, stiff)), Truth(stiff.radiance), DRAWS)
     assert Result("even", "", "", figures).failures == ["chi2"]
 
 
 def test_a_wrong_flux_fails(device: Device, stiff: EnvironmentMap) -> None:
     sampler = Lightdome(build_distribution(device, stiff))
     sampler.flux *= 1 + 3e-6
-    assert Result("broken", "", "", measure(sampler, Truth(stiff.radiance), DRAWS)).failures == ["flux"]
+    assert Result("broken", "", "", measure_sampler(sampler, Truth(stiff.radiance), DRAWS)).failures == ["flux"]
 
 
 @pytest.mark.parametrize(("change", "missed"), [(0, []), (-(2**21), ["cdf", "drawn"]), (2**15, ["drawn"])])
@@ -340,8 +341,8 @@ def test_an_unknown_device_is_one_line(script: Script, tmp_path: Path) -> None:
 
 
 @contextmanager
-def started() -> Iterator[peer_mitsuba_distribution.Mitsuba]:
-    if not peer_mitsuba.installed():
+def started() -> Iterator[peer_mitsuba_distribution.MitsubaSamplers]:
+    if not mitsuba_process.installed():
         pytest.skip(f"needs Mitsuba: {peers.INSTALL}")
     with ExitStack() as stack:
         try:
@@ -354,14 +355,14 @@ def started() -> Iterator[peer_mitsuba_distribution.Mitsuba]:
 
 
 @pytest.fixture(scope="module")
-def mitsuba() -> Iterator[peer_mitsuba_distribution.Mitsuba]:
+def mitsuba() -> Iterator[peer_mitsuba_distribution.MitsubaSamplers]:
     with started() as process:
         yield process
 
 
-def test_mitsuba_is_right_where_the_map_is_mild(mitsuba: peer_mitsuba_distribution.Mitsuba) -> None:
+def test_mitsuba_is_right_where_the_map_is_mild(mitsuba: peer_mitsuba_distribution.MitsubaSamplers) -> None:
     radiance = np.random.default_rng(3).uniform(1, 2, (9, 14, 3)).astype(np.float32)
-    figures = measure(mitsuba.sampler(radiance), Truth(radiance), DRAWS)
+    figures = measure_sampler(mitsuba.sampler(radiance), Truth(radiance), DRAWS)
     assert figures["p"] < 1e-4
     assert max(figures["sum"], figures["flux"]) < 1e-6
     assert figures["image"] < 1e-4
@@ -369,7 +370,7 @@ def test_mitsuba_is_right_where_the_map_is_mild(mitsuba: peer_mitsuba_distributi
     assert figures["zero"] == figures["nonfinite"] == 0
 
 
-def test_mitsuba_is_measured_not_judged(mitsuba: peer_mitsuba_distribution.Mitsuba) -> None:
+def test_mitsuba_is_measured_not_judged(mitsuba: peer_mitsuba_distribution.MitsubaSamplers) -> None:
     result = stability.run_peer(BY_NAME["log-normal noise, sigma 8"], "mitsuba", mitsuba.sampler, DRAWS)
     assert result.verdict == "measured"
     assert "p" in result.failures
@@ -377,12 +378,8 @@ def test_mitsuba_is_measured_not_judged(mitsuba: peer_mitsuba_distribution.Mitsu
 
 def test_a_mitsuba_that_crashes_costs_its_column_only() -> None:
     with started() as process:
-
-        def crash(radiance: np.ndarray) -> stability.Sampler:
-            process.call(os.abort)
-            raise AssertionError("survived")
-
+        os.kill(process._process._process.pid, signal.SIGABRT)
         for _ in range(2):
-            result = stability.run_peer(BY_NAME["odd sizes"], "mitsuba", crash, DRAWS)
+            result = stability.run_peer(BY_NAME["odd sizes"], "mitsuba", process.sampler, DRAWS)
             assert result.verdict == "skipped"
-            assert "process ended" in result.remark
+            assert "Mitsuba's process" in result.remark
