@@ -399,26 +399,6 @@ def write_stability_json(path: Path, results: Sequence[Result], settings: Mappin
     write_json(path, {**settings, "columns": columns, "limits": LIMITS, "cases": cases})
 
 
-def write_markdown(path: Path, results: Sequence[Result]) -> None:
-    """A table for people: a row a case, the figures that tell most, and beside them the peers'."""
-    shown = ("p", "sum", "drawn", "chi2", "flux", "image")
-    own = [r for r in results if r.judged]
-    peers = list(dict.fromkeys(r.program for r in results if not r.judged))
-    by_key = {(r.program, r.group, r.case): r for r in results}
-    lines = [
-        "| case | verdict | " + " | ".join(shown) + "".join(f" | {peer} p | {peer} image" for peer in peers) + " |",
-        "| --- " * (2 + len(shown) + 2 * len(peers)) + "|",
-    ]
-    for r in own:
-        cells = [f"{r.group}: {r.case}", r.verdict, *(text(r.figures.get(name)) for name in shown)]
-        for peer in peers:
-            figures = by_key[peer, r.group, r.case].figures if (peer, r.group, r.case) in by_key else {}
-            cells += [text(figures.get(name)) for name in ("p", "image")]
-        lines.append("| " + " | ".join(cells) + " |")
-    with replacing(path) as temporary:
-        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
 def text(value: float | None) -> str:
     """A figure in a few characters: ``2e-7``, ``0.02``, ``1.7``, ``NaN``; blank where there is none."""
     if value is None:

@@ -467,17 +467,18 @@ def test_the_roof_is_that_of_the_limits() -> None:
         for name in ("row cdf", "shade", "exact")
     }
     sizes = {"row cdf": "256 x 128", "shade": "128 x 64, R 31, N 64", "exact": "128 x 64, R 63"}
-    for (label, ((x, y),)), (name, p) in zip(named.items(), longest.items(), strict=True):
+    for number, ((label, ((x, y),)), (name, p)) in enumerate(zip(named.items(), longest.items(), strict=True), 1):
         assert (x, y) == pytest.approx((p.operations / p.bytes, p.operations / p.seconds))
         what, share = label.split(": ")
-        assert what == f"{name}, {sizes[name]}"
+        assert what == f"{number}  {name}, {sizes[name]}"
         if name == "shade":
             assert rounded(share.removesuffix(" x brute force"), p.operations / 143e9 / p.seconds)
         else:
             of_copy = p.bytes / (23e9 if name == "row cdf" else LIMITS_MEASURED.bandwidth(p.bytes))
             assert close(share.removesuffix(" %"), 100 * max(of_copy, p.operations / 143e9) / p.seconds)
     assert {text.get_text(): text.xy for text in axes.texts} == {
-        name: pytest.approx((p.operations / p.bytes, p.operations / p.seconds)) for name, p in longest.items()
+        str(number): pytest.approx((p.operations / p.bytes, p.operations / p.seconds))
+        for number, p in enumerate(longest.values(), 1)
     }
 
 
@@ -653,8 +654,7 @@ def test_the_stability_picture_has_every_figure_in_its_cell() -> None:
 
 
 def test_the_stability_files_hold_every_figure(tmp_path: Path) -> None:
-    for kind, write in (("csv", stability.write_stability_csv), ("md", stability.write_markdown)):
-        write(tmp_path / f"stability.{kind}", RESULTS)
+    stability.write_stability_csv(tmp_path / "stability.csv", RESULTS)
     stability.write_stability_json(tmp_path / "stability.json", RESULTS, {"options": 3})
     with (tmp_path / "stability.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -672,15 +672,6 @@ def test_the_stability_files_hold_every_figure(tmp_path: Path) -> None:
         assert {name: float(value) for name, value in case["figures"].items()} == pytest.approx(
             result.figures, nan_ok=True, rel=0
         )
-    head = (tmp_path / "stability.md").read_text().splitlines()[0].strip("| ").split(" | ")
-    assert head == ["case", "verdict", "p", "sum", "drawn", "chi2", "flux", "image", "mitsuba p", "mitsuba image"]
-    for line, r in zip((tmp_path / "stability.md").read_text().splitlines()[2:], OWN, strict=True):
-        cells = [cell.strip() for cell in line[1:-1].split("|")]
-        assert cells[:2] == [f"{r.group}: {r.case}", r.verdict]
-        theirs = RESULTS[1].figures if r.case == "steep" else {}
-        values = [r.figures.get(name) for name in head[2:8]] + [theirs.get("p"), theirs.get("image")]
-        for cell, value in zip(cells[2:], values, strict=True):
-            assert is_figure(cell, value)
 
 
 # ---- the report ----

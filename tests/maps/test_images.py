@@ -93,6 +93,9 @@ def test_a_header_that_lies_about_the_size_costs_no_memory(tmp_path: Path) -> No
     path.write_bytes(b"PF\n30000 30000\n-1.0\n" + bytes(100))
     with pytest.raises(LightdomeError, match="claims"):
         read_image(path)
+    (tmp_path / "liar.hdr").write_bytes(b"#?RADIANCE\n\n-Y 30000 +X 30000\n" + bytes(100))
+    with pytest.raises(LightdomeError, match="claims 30000 x 30000 pixels"):
+        read_image(tmp_path / "liar.hdr")
     path.write_bytes(b"PF\n2000000000 2000000000\n-1.0\n" + bytes(100))
     with pytest.raises(LightdomeError):
         read_image(path)

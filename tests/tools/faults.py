@@ -2236,26 +2236,23 @@ FAULTS: list[Fault] = [
     command(
         "Grace: the sum is not checked",
         "get_grace.py",
-        "if digest.hexdigest() != sha256:",
+        "if digest != sha256:",
         "if False:",
         "a check removed",
     ),
     command(
         "Grace: a file that is there is fetched again",
         "get_grace.py",
-        "    if matches(arguments.out, SIZE, SHA256):\n",
-        "    if False:\n",
+        "    if arguments.out.is_file() and",
+        "    if False and",
         "work for nothing",
         ("test_data.py",),
     ),
     command(
-        "Grace: Ctrl-C ends with 1", "get_grace.py", "        sys.exit(130)", "        sys.exit(1)", "an exit status"
-    ),
-    command(
-        "Grace: SIGTERM ends with 1",
+        "Grace: a signal ends with 1",
         "get_grace.py",
-        "raise SystemExit(128 + number)  # unwinds",
-        "raise SystemExit(1)  # unwinds",
+        "lambda number, _: os._exit(128 + number)",
+        "lambda number, _: os._exit(1)",
         "an exit status",
     ),
     command(
