@@ -21,7 +21,7 @@ from .. import reference
 from ..checks import made
 from ..disc import disc_mask
 from ..errors import LightdomeError
-from ..files import replacing, write_json, write_table
+from ..files import write_json, write_table
 from ..float_range import LARGEST
 from ..lighting.exact import exact
 from ..lighting.shade import shade_samples
