@@ -15,6 +15,7 @@ import numpy as np
 
 from .. import reference
 from ..disc import disc_mask
+from ..maps.geometry import directions
 
 PAIRS_A_CHUNK = 2**18  # 1 MB of cosines; a BLAS product much larger starts threads of its own
 
@@ -42,8 +43,7 @@ def draw(radiance: np.ndarray, count: int, seed: int) -> tuple[np.ndarray, np.nd
 
     probability = weight[y, x] / rows[-1]
     solid_angle = reference.pixel_solid_angles(height, width)[y, x]
-    theta, phi = theta[y, x], phi[y, x]
-    direction = np.stack([np.sin(theta) * np.cos(phi), np.cos(theta), np.sin(theta) * np.sin(phi)], axis=1)
+    direction = directions(theta[y, x], phi[y, x])
     return direction, radiance[y, x] * (solid_angle / (count * probability))[:, None]
 
 

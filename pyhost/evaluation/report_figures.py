@@ -34,8 +34,8 @@ def cdfs(distribution: Distribution) -> Figure:
     """The map beside the CDF over its rows, and the CDF of every row as a picture beside three of them as curves."""
     radiance = distribution.envmap.radiance
     height, width = radiance.shape[:2]
-    rows = _unit(memory.download(distribution.device, distribution.row_cdf))
-    marginal = _unit(memory.download(distribution.device, distribution.marginal_cdf)[None])[0]
+    rows = _unit(memory.download(distribution.device, distribution.cdf.rows))
+    marginal = _unit(memory.download(distribution.device, distribution.cdf.marginal)[None])[0]
     # Those in which a quarter, half and three quarters of the light are reached: never black ones.
     chosen = np.searchsorted(marginal, (0.25, 0.5, 0.75))
 

@@ -25,7 +25,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pyopencl as cl
 
 from ..files import write_json, write_table
 from ..opencl import memory
@@ -35,6 +34,7 @@ from .roofline_stages import MADE, PAIR, Stage
 
 if TYPE_CHECKING:
     from ..opencl.device import Device
+    from ..opencl.signature import Argument
 
 COPY_BYTES = tuple(2**k for k in (21, 23, 25, 27, 29))  # read and written together: from a cache to main memory
 COPY_BLOCK = 2048  # vectors of 4 floats that a work-item of a CPU copies
@@ -133,42 +133,40 @@ def measure_limits(device: Device) -> Limits:
 
 def copy(device: Device, size: int) -> tuple[np.ndarray, float]:
     """Copy ``size`` bytes, a multiple of COPY_UNIT: what arrived, float32, and the median seconds."""
-    start, target = _copies(device, size)
-    seconds = _median(start)
+    run, target = _copies(device, size)
+    seconds = _median(run)
     return memory.download(device, target), seconds
 
 
-def _copies(device: Device, size: int) -> tuple[Callable[[], cl.Event], DeviceArray]:
-    """What starts a copy of ``size`` bytes, and where it goes."""
+def _copies(device: Device, size: int) -> tuple[Callable[[], float], DeviceArray]:
+    """What copies ``size`` bytes and returns the seconds, and where they go."""
     block = 1 if device.is_gpu else COPY_BLOCK
-    source, target = (memory.empty(device, size // 4, np.float32) for _ in range(2))
-    for array, value in (source, 1.5), (target, 0.0):  # touches all pages
-        cl.enqueue_fill_buffer(device.queue, array.buffer, np.float32(value), 0, size)
-    kernel = device.kernel("limits/copy", BLOCK=block)
-    local = (1,) if block > 1 else None
+    source, target = (memory.full(device, size // 4, value, np.float32) for value in (1.5, 0.0))  # touches all pages
+    arrays = {"from": source, "to": target}
 
-    def start() -> cl.Event:
-        return kernel(device.queue, (size // (16 * block),), local, source.buffer, target.buffer)
+    def run() -> float:
+        return _seconds(device, "limits/copy", (size // (16 * block),), {"BLOCK": block}, **arrays)
 
-    return start, target
+    return run, target
 
 
 def multiply_add(device: Device, steps: int) -> tuple[np.ndarray, float]:
     """Count to ``steps`` in many chains: sums of lanes, (items, 16) float32, and the median seconds."""
     result = memory.empty(device, (device.handle.max_compute_units * ITEMS_A_UNIT, 16), np.float32)
-    kernel = device.kernel("limits/multiply_add", CHAINS=_chains(device))
-    one, local = np.float32(1), None if device.is_gpu else (1,)
-    seconds = _median(lambda: kernel(device.queue, result.shape[:1], local, one, one, np.uint32(steps), result.buffer))
+    arguments = {"factor": 1, "term": 1, "steps": steps, "result": result}
+    chains = {"CHAINS": _chains(device)}
+    seconds = _median(lambda: _seconds(device, "limits/multiply_add", result.shape[:1], chains, **arguments))
     return memory.download(device, result), seconds
 
 
 def launch(device: Device) -> float:
     """Wall seconds, the median, of a kernel that does nothing, from the call until it is known to be done."""
-    kernel = device.kernel("limits/launch")
+    device.launch("limits/launch", (1,))  # builds it
     walls = []
     for _ in range(LAUNCHES):
         start = time.perf_counter()
-        kernel(device.queue, (1,), (1,)).wait()
+        device.launch("limits/launch", (1,))
+        device.wait()
         walls.append(time.perf_counter() - start)
     return statistics.median(walls)
 
@@ -177,32 +175,30 @@ def _chains(device: Device) -> int:
     return 1 if device.is_gpu else CHAINS
 
 
-def _median(launch: Callable[[], cl.Event]) -> float:
-    """Seconds of a kernel: the median after a warm-up."""
-    launch().wait()
-    events = []
-    for _ in range(LIMIT_REPEATS):
-        events.append(launch())
-        events[-1].wait()
-    return statistics.median(map(_seconds, events))
+def _median(run: Callable[[], float]) -> float:
+    """The median of the seconds that ``run`` returns, after a warm-up."""
+    run()
+    return statistics.median(run() for _ in range(LIMIT_REPEATS))
 
 
-def _seconds(event: cl.Event) -> float:
-    event.wait()
-    return 1e-9 * (event.profile.end - event.profile.start)
+def _seconds(device: Device, name: str, size: tuple[int, ...], defines: dict[str, int], **arguments: Argument) -> float:
+    """Run one kernel: its seconds on the device, whose profile has nothing else then."""
+    device.profile.clear()
+    device.launch(name, size, stage="limit", defines=defines, **arguments)
+    return device.profile.seconds()["limit"]
 
 
 def time_stage(device: Device, stage: Stage, repeats: int) -> Timing:
     """Run ``stage`` once to warm up, then ``repeats`` times, less often where that takes too long."""
     stage.run()
     half = max(1, round(stage.work.bytes / 2 / COPY_UNIT)) * COPY_UNIT
-    start_copy = _copies(device, half)[0] if stage.beside_copy else None
+    copy_beside = _copies(device, half)[0] if stage.beside_copy else None
     seconds: list[float] = []
     bandwidths: list[float] = []
     begin = time.monotonic()
     while len(seconds) < repeats and (not seconds or time.monotonic() - begin < PATIENCE):
-        if start_copy:
-            bandwidths.append(2 * half / _seconds(start_copy()))
+        if copy_beside:
+            bandwidths.append(2 * half / copy_beside())
         device.profile.clear()
         stage.run()
         timed = device.profile.seconds()

@@ -27,7 +27,9 @@ from ..maps.envmap import EnvironmentMap
 from ..opencl.device import Device
 from ..opencl.memory import DeviceArray
 from ..rendering.per_pixel import ESTIMATORS, render
-from ..sampling.distribution import Distribution, build_distribution, build_row_cdfs
+from ..sampling.cdf import RowCDFs, build_row_cdfs
+from ..sampling.distribution import Distribution, build_distribution
+from ..sampling.draw import PIXELS, draw, room_for, sequence_points
 
 MADE = "made"  # the name of maps that were made to be measured
 PAIR = 7  # operations for a pair of pixel and light
@@ -113,12 +115,10 @@ class MapStages:
     def tables(self) -> Iterator[Stage]:
         """Row CDFs, the CDF over rows, guide tables, harmonics: what depends on the map alone."""
         height, pixels = self.envmap.height, self.pixels
-        memory: list[tuple[DeviceArray, DeviceArray]] = []
+        built: list[RowCDFs] = []
 
         def rows() -> None:
-            of_map = self.distribution
-            memory[:] = [build_row_cdfs(self.device, of_map.radiance, of_map.scale, out=memory[0] if memory else None)]
-            self.device.queue.finish()  # before the memory may be gone
+            built[:] = [build_row_cdfs(self.distribution.map, out=built[0] if built else None)]
 
         # A weight, their sum, rounding, the prefix sum.
         work = Work((12 + 4) * pixels, 7 * pixels, pixels, "pixels")
@@ -127,11 +127,12 @@ class MapStages:
         work = Work((8 + 4 + 4) * height, 5 * height, height, "rows")
         yield self._stage("marginal cdf", build, work, events=("marginal cdf",))
         # Every entry of the CDFs is read and compared once, an index for every bucket is written.
-        guide = self.distribution.guide
+        guide = self.distribution.cdf.guide
         work = Work(4 * pixels + guide.rows.dtype.itemsize * guide.rows.shape[1] * height, pixels, pixels, "pixels")
-        yield self._stage("guide", lambda: replace(self.distribution).guide, work)
+        yield self._stage("guide", lambda: replace(self.distribution.cdf).guide, work)
         work = Work(12 * pixels, 3 * (2 * ORDER + 1) * pixels, pixels, "pixels")
-        yield self._stage("harmonics project", partial(project, self.device, self.envmap, ORDER), work, N=ORDER)
+        of_map = self.distribution.map
+        yield self._stage("harmonics project", partial(project, self.device, of_map, ORDER), work, N=ORDER)
 
     def sample(self, N: int) -> Iterator[Stage]:
         """N directions drawn, with tables that are there; and N pixels, written over those of the run before."""
@@ -139,10 +140,11 @@ class MapStages:
         work = Work(36 * N + 16 * min(N, self.pixels), (POINT + DIRECTION + 4) * N, N, "samples")
         yield self._stage("sample", lambda: self.distribution.sample(N), work, N=N)
         work = Work(12 * N + 8 * min(N, self.pixels), (POINT + 2) * N, N, "samples")
-        out: list[tuple[np.ndarray, np.ndarray]] = []
+        out: dict[str, DeviceArray] = {}
 
         def run() -> None:
-            out[:] = [self.distribution.sample_pixels(N, out=out[0] if out else None)]
+            out.update(out or room_for(self.device, N, PIXELS))
+            draw(self.distribution.map, self.distribution.cdf, sequence_points(N, 0, "independent"), out)
 
         yield self._stage("sample pixels", run, work, N=N)
 
@@ -163,7 +165,7 @@ class MapStages:
         pairs = float(disc) * self.pixels
         image = 12 * resolution**2
         work = Work(12 * self.pixels + image, 9 * self.pixels + 18 * arcs, pairs, "pairs", pairs)
-        run = partial(exact, self.device, self.envmap, resolution)
+        run = partial(exact, self.device, self.distribution.map, resolution)
         yield self._stage("exact", run, work, resolution=resolution)
         count = disc * SPP
         for estimator in ESTIMATORS:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -26,9 +26,12 @@ from ..float_range import LARGEST
 from ..lighting.exact import exact
 from ..lighting.shade import shade_samples
 from ..maps.envmap import EnvironmentMap
+from ..maps.geometry import directions
 from ..opencl import memory
 from ..opencl.device import Device
+from ..sampling.cdf import MapCDF
 from ..sampling.distribution import Distribution, build_distribution
+from ..sampling.draw import PIXELS, drawn, given_points
 from ..sampling.samples import Samples
 
 NORMAL = 2.0**-126  # float32's smallest normal number: below it digits go
@@ -148,17 +151,15 @@ class Lightdome:
         device, height, width = distribution.device, distribution.envmap.height, distribution.envmap.width
         # CDFs of equal steps: the point ((x + 1/2) / W, (y + 1/2) / H) picks the pixel (x, y).
         steps = [np.arange(1, n + 1, dtype=np.uint32) for n in (width, height)]
-        self._even = replace(
-            distribution,
-            row_cdf=memory.upload(device, np.tile(steps[0], (height, 1))),
-            marginal_cdf=memory.upload(device, steps[1]),
-        )
+        rows = memory.upload(device, np.tile(steps[0], (height, 1)))
+        self._even = MapCDF(device, rows, memory.upload(device, steps[1]), distribution.total)
 
     def probability(self, rows: slice) -> np.ndarray:
         envmap = self.distribution.envmap
         y, x = np.mgrid[rows, 0 : envmap.width]
         points = np.stack([(x + 0.5) / envmap.width, (y + 0.5) / envmap.height], axis=-1)
-        return self._even.sample_at(points.reshape(-1, 2)).probability.reshape(y.shape)
+        given = given_points(self.distribution.device, points.reshape(-1, 2))
+        return drawn(self.distribution.map, self._even, given, PIXELS)["probability"].reshape(y.shape)
 
     def draw(self, count: int, seed: int) -> Samples:
         return self.distribution.sample(count, seed)
@@ -202,9 +203,8 @@ class Truth:
         """What the samples' pixels contribute to ``normals`` (M, 3) at their true densities, (M, 3)."""
         x, y = samples.pixel.T
         theta, phi = np.pi / self.height * (y + 0.5), 2 * np.pi / self.width * (x + 0.5)
-        direction = np.stack([np.sin(theta) * np.cos(phi), np.cos(theta), np.sin(theta) * np.sin(phi)], axis=1)
         density = self.probability_of(samples) / self.solid_angle[y]
-        return reference.shade(normals, direction, self.radiance[y, x].astype(np.float64), density)
+        return reference.shade(normals, directions(theta, phi), self.radiance[y, x].astype(np.float64), density)
 
 
 def measure_sampler(sampler: Sampler, truth: Truth, draws: int) -> Figures:
@@ -260,7 +260,7 @@ def measure_map(device: Device, radiance: np.ndarray, draws: int) -> Figures:
     figures = measure_sampler(Lightdome(distribution), truth, draws)
     _add(figures, cdf_figures(distribution, truth))
     if truth.height * truth.width <= 2**23:
-        image = exact(device, envmap, truth.resolution)
+        image = exact(device, distribution.map, truth.resolution)
         _add(figures, image_figures(image, lambda normals: reference.exact(radiance, normals)))
     return figures
 
@@ -268,8 +268,8 @@ def measure_map(device: Device, radiance: np.ndarray, draws: int) -> Figures:
 def cdf_figures(distribution: Distribution, truth: Truth) -> Figures:
     """``cdf``, ``drawn`` and what is never drawn: what the CDFs make of the map, all points taken together."""
     device = distribution.device
-    rows_cdf = memory.download(device, distribution.row_cdf)
-    marginal = memory.download(device, distribution.marginal_cdf).astype(np.int64)
+    rows_cdf = memory.download(device, distribution.cdf.rows)
+    marginal = memory.download(device, distribution.cdf.marginal).astype(np.int64)
     steps_y = np.diff(marginal, prepend=0)
     figures = {"cdf": float(np.count_nonzero(steps_y < 0)), "undrawn": 0.0, "undrawn_flux": 0.0}
     variation = 0.0

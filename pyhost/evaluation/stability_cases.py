@@ -122,8 +122,8 @@ def ends(maps: Maps, device: Device, _: int) -> Iterator[Figures]:
     """Points at 0, below 1, and at every edge of every CDF and the two next to it, against integer arithmetic."""
     for radiance in maps():
         distribution = build_distribution(device, EnvironmentMap(radiance))
-        cdf = memory.download(device, distribution.row_cdf)
-        marginal = memory.download(device, distribution.marginal_cdf)
+        cdf = memory.download(device, distribution.cdf.rows)
+        marginal = memory.download(device, distribution.cdf.marginal)
         points = [np.stack(np.meshgrid(_telling(marginal), _telling(marginal)), axis=-1).reshape(-1, 2)]
         for y in np.flatnonzero(np.diff(marginal, prepend=0)):
             u = _telling(cdf[y])

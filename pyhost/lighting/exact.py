@@ -15,11 +15,11 @@ from ..cache import key_of, remembered
 from ..disc import check_resolution, disc_tiles, note_tiles
 from ..float_range import to_float32
 from ..maps.envmap import EnvironmentMap
-from ..maps.geometry import column_angles, row_angles, sine_cosine, solid_angles
 from ..opencl import memory
 from ..opencl.device import Device
+from ..opencl.signature import Argument
 from ..progress import Progress
-from ..sampling.distribution import range_scale
+from ..sampling.device_map import DeviceMap
 from .horizon import LEAST_SHAPE, area_moments, horizon_tables
 
 ARCS_ROWS = 64  # that are added in single precision; the sum over bands is in double words
@@ -47,7 +47,7 @@ def exact_kept(
 
 def exact(
     device: Device,
-    envmap: EnvironmentMap,
+    envmap: EnvironmentMap | DeviceMap,
     resolution: int = 511,
     albedo: float = 1.0,
     pixels: Literal["centres", "areas"] = "centres",
@@ -61,32 +61,26 @@ def exact(
 
     They differ, in both directions, by a part of the image's maximum that falls as 1 / H, H the map's height: by about
     5 % under one lamp on 16 x 8 pixels. Time is in proportion to R^2 H, with ``areas`` to R^2 (H + W), and to the map's
-    pixels, not to their product with R^2. See :func:`shade` for the image. Raises :class:`LightdomeError` for a
-    resolution outside 1 to 16384, and for other ``pixels``.
+    pixels, not to their product with R^2. A map that is on the device already, as ``Distribution.map`` is, is not
+    uploaded again. See :func:`shade` for the image. Raises :class:`LightdomeError` for a resolution outside 1 to 16384,
+    and for other ``pixels``.
     Kernels: ``arc_sums.cl`` with ``exact.cl`` or ``exact_areas.cl``.
     """
-    checks.instance("the device", device, Device)
-    checks.instance("the map", envmap, EnvironmentMap)
+    of_map = DeviceMap.of(device, envmap)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
     checks.choice("pixels", pixels, PIXELS)
-    height, width, values = envmap.height, envmap.width, envmap.radiance
     areas = pixels == "areas"
-    if areas:  # radiance is constant over a pixel, so its parts send what it sends
-        for axis, least in enumerate(LEAST_SHAPE):
-            values = np.repeat(values, -(-least // values.shape[axis]), axis=axis)
-        height, width = values.shape[:2]
-    scale = range_scale(envmap.peak)
-    theta, phi = row_angles(height), column_angles(width)
+    if areas:
+        of_map = _split(of_map)
+    height, width, scale = of_map.height, of_map.width, of_map.scale
     lanes = device.vector_width
-    radiance = memory.upload(device, values)
-    rows = memory.upload(device, area_moments(height, width) if areas else sine_cosine(theta))
-    columns = memory.upload(device, sine_cosine(phi))
-    weight = memory.upload(device, (scale / np.pi * solid_angles(height, width)).astype(np.float32))
-    half_arc = None if areas else memory.upload(device, _half_arcs(theta, width, resolution))
+    rows = memory.upload(device, area_moments(height, width)) if areas else of_map.theta
+    weight = memory.upload(device, (scale / np.pi * of_map.solid_angles).astype(np.float32))
+    half_arc = None if areas else memory.upload(device, _half_arcs(of_map.row_angles, width, resolution))
     tiles = disc_tiles(resolution, lanes, 1)
     tile_buffer = memory.upload(device, tiles)
     line = (width + 1) // 2 + width + 1
-    grey = envmap.is_grey
+    grey = of_map.is_grey
     if grey:
         device.decisions.skip("separate channels", "the map is grey")
     else:
@@ -98,47 +92,66 @@ def exact(
     total = memory.zeros(device, (2, resolution, resolution, 3), np.float32)
 
     defines = {"GREY": 1} if grey else {}
-    sums = device.kernel("lighting/arc_sums", **defines)
-    kernel = device.kernel(KERNELS[pixels], PIXELS=lanes, **defines)
     with Progress("summing the map") as progress:
         for first in range(0, height, band):
             count = min(band, height - first)
-            event = sums(
-                device.queue,
+            device.launch(
+                "lighting/arc_sums",
                 (count,),
-                device.one_by_one(),
-                radiance.buffer,
-                rows.buffer,
-                columns.buffer,
-                weight.buffer,
-                np.uint32(width),
-                np.uint32(first),
-                arcs.buffer,
+                stage="arc sums",
+                defines=defines,
+                radiance=of_map.radiance,
+                theta=rows,
+                phi=of_map.phi,
+                scale=weight,
+                width=width,
+                first=first,
+                arcs=arcs,
             )
-            device.profile.record("arc sums", event)
+            of_rows: dict[str, Argument]
             if half_arc is None:
-                tables = [memory.upload(device, a) for a in horizon_tables(resolution, height, width, first, count)]
-                of_rows = (radiance.buffer, np.float32(scale), *(table.buffer for table in tables), np.uint32(width))
+                tables = horizon_tables(resolution, height, width, first, count)
+                bounds, start, polynomials = (memory.upload(device, table) for table in tables)
+                of_rows = {
+                    "radiance": of_map.radiance,
+                    "scale": scale,
+                    "bounds": bounds,
+                    "start": start,
+                    "polynomials": polynomials,
+                }
             else:
-                of_rows = (half_arc.buffer, np.uint32(width), np.uint32(height))
-            event = kernel(
-                device.queue,
+                of_rows = {"half_arc": half_arc, "height": height}
+            device.launch(
+                KERNELS[pixels],
                 (len(tiles),),
-                None if lanes == 1 else (1,),
-                arcs.buffer,
-                *of_rows,
-                np.uint32(first),
-                np.uint32(count),
-                np.int32(resolution),
-                tile_buffer.buffer,
-                total.buffer,
+                stage="exact",
+                defines={"PIXELS": lanes, **defines},
+                arcs=arcs,
+                width=width,
+                first=first,
+                rows=count,
+                resolution=resolution,
+                tiles=tile_buffer,
+                sum=total,
+                **of_rows,
             )
-            device.profile.record("exact", event)
-            event.wait()
+            device.wait()
             progress.update((first + count) / height)
     image = np.add(*memory.download(device, total), dtype=np.float64)
     image *= albedo / scale
     return to_float32(image)
+
+
+def _split(of_map: DeviceMap) -> DeviceMap:
+    """The same light on at least LEAST_SHAPE pixels: radiance is constant over one, so its parts send the same."""
+    envmap, values = of_map.envmap, of_map.envmap.radiance
+    for axis, least in enumerate(LEAST_SHAPE):
+        if values.shape[axis] < least:
+            values = np.repeat(values, -(-least // values.shape[axis]), axis=axis)
+    if values is envmap.radiance:
+        return of_map
+    split = checks.made(EnvironmentMap, radiance=values, peak=envmap.peak, replaced=None, notes=())
+    return DeviceMap.of(of_map.device, split)
 
 
 def _half_arcs(theta: np.ndarray, width: int, resolution: int) -> np.ndarray:

@@ -24,10 +24,9 @@ from ..disc import check_resolution, disc_tiles
 from ..errors import LightdomeError
 from ..float_range import light_exponent, to_float32
 from ..maps.envmap import EnvironmentMap
-from ..maps.geometry import row_angles, solid_angles
 from ..opencl import memory
 from ..opencl.device import Device
-from ..sampling.distribution import range_scale
+from ..sampling.device_map import DeviceMap
 
 MAX_ORDER = 64  # float32 holds p_lm / sin^m(theta) up to about 90
 TERMS_A_LAUNCH = 2**33  # pixels x coefficients, a second or so
@@ -80,38 +79,35 @@ def clamped_cosine(order: int) -> np.ndarray:
     return A
 
 
-def project(device: Device, envmap: EnvironmentMap, order: int = 2) -> Harmonics:
+def project(device: Device, envmap: EnvironmentMap | DeviceMap, order: int = 2) -> Harmonics:
     """Project ``envmap`` up to ``order``: L_lm is the sum over pixels of L Y_lm x solid angle.
 
+    A map that is on the device already, as ``Distribution.map`` is, is not uploaded again.
     The device sums along rows for each m; the Legendre functions, few and delicate, are the host's in float64.
     Raises :class:`LightdomeError` if ``order`` is not from 0 to 64.
     """
-    checks.instance("the device", device, Device)
-    checks.instance("the map", envmap, EnvironmentMap)
+    of_map = DeviceMap.of(device, envmap)
     order = checks.whole("the order of harmonics", order, 0, MAX_ORDER)
-    height, width = envmap.height, envmap.width
+    height, width = of_map.height, of_map.width
     # m phi_x = pi m (2x + 1) / W, reduced to one turn as an integer.
     turn = np.arange(order + 1)[:, None] * (2 * np.arange(width) + 1) % (2 * width) * (np.pi / width)
-    scale = range_scale(envmap.peak)
-    radiance = memory.upload(device, envmap.radiance)
     cosine = memory.upload(device, np.cos(turn).astype(np.float32))
     sine = memory.upload(device, np.sin(turn).astype(np.float32))
     sums = memory.empty(device, (height, order + 1, 2, 3), np.float32)
-    event = device.kernel("lighting/azimuth_sums")(
-        device.queue,
+    device.launch(
+        "lighting/azimuth_sums",
         (order + 1, height),
-        device.one_by_one(2),
-        radiance.buffer,
-        cosine.buffer,
-        sine.buffer,
-        np.uint32(width),
-        np.float32(scale),
-        sums.buffer,
+        stage="azimuth sums",
+        radiance=of_map.radiance,
+        cosine=cosine,
+        sine=sine,
+        width=width,
+        scale=of_map.scale,
+        sum=sums,
     )
-    device.profile.record("azimuth sums", event)
-    weighted = memory.download(device, sums) * (solid_angles(height, width) / scale)[:, None, None, None]
+    weighted = memory.download(device, sums) * (of_map.solid_angles / of_map.scale)[:, None, None, None]
 
-    theta = row_angles(height)
+    theta = of_map.row_angles
     a, b = _recurrence(order)
     coefficients = np.zeros(((order + 1) ** 2, 3))
     for m in range(order + 1):
@@ -155,20 +151,18 @@ def shade_harmonics(device: Device, harmonics: Harmonics, resolution: int = 511,
     table[:, 2:] = np.ldexp(table[:, 2:], -exponent)
     term_buffer = memory.upload(device, table.astype(np.float32))
     image = memory.zeros(device, (resolution, resolution, 3), np.float32)
-    step = device.items_a_launch(TERMS_A_LAUNCH, len(table) * pixels)
-    for begin in range(0, len(tiles), step):
-        event = device.kernel("lighting/harmonics", PIXELS=pixels)(
-            device.queue,
-            (min(step, len(tiles) - begin),),
-            (1,) if pixels > 1 else None,
-            tile_buffer.buffer,
-            term_buffer.buffer,
-            np.uint32(order),
-            np.int32(resolution),
-            image.buffer,
-            global_offset=(begin,),
-        )
-        device.profile.record("harmonics", event)
+    device.launch(
+        "lighting/harmonics",
+        (len(tiles),),
+        defines={"PIXELS": pixels},
+        step=device.items_a_launch(TERMS_A_LAUNCH, len(table) * pixels),
+        progress="shading the sphere",
+        tiles=tile_buffer,
+        terms=term_buffer,
+        order=order,
+        resolution=resolution,
+        image=image,
+    )
     result = memory.download(device, image)
     return to_float32(result, exponent) if exponent else result
 

@@ -28,7 +28,7 @@ POLES = 4  # a piece is no longer than its distance from the nearest pole of the
 def area_moments(height: int, width: int) -> np.ndarray:
     """Integrals over the pixels of a row of sin(theta) cos(phi - phi_centre) and of cos(theta), over their solid angle.
 
-    What :func:`lightdome.sampling.distribution.sine_cosine` is for centres, (H, 2) float32: w, integrated over a pixel.
+    What :func:`lightdome.maps.geometry.sine_cosine` is for centres, (H, 2) float32: w, integrated over a pixel.
     """
     edge, column = _edges(height), np.pi / width
     sine_squared, sine_cosine = _moments(edge[:-1], edge[1:])

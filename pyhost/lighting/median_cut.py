@@ -24,10 +24,10 @@ import numpy as np
 
 from .. import checks
 from ..errors import LightdomeError
-from ..maps.geometry import row_angles, solid_angles
 from ..opencl import memory
 from ..opencl.memory import DeviceArray
-from ..sampling.distribution import BLACK, Distribution
+from ..sampling.distribution import Distribution
+from ..sampling.draw import BLACK
 from .lights import Lights
 
 MAX_LIGHTS = 2**22
@@ -41,7 +41,7 @@ def median_cut(distribution: Distribution, count: int) -> Lights:
     its light comes from above. Raises :class:`LightdomeError` as :func:`regions` does.
     """
     checks.instance("the distribution", distribution, Distribution)
-    device, envmap = distribution.device, distribution.envmap
+    device, of_map = distribution.device, distribution.map
     x0, y0, x1, y1 = regions(distribution, count).T
 
     # One span for each row of each region.
@@ -50,23 +50,21 @@ def median_cut(distribution: Distribution, count: int) -> Lights:
     y = np.arange(rows.sum()) - np.repeat(begin - y0, rows)
     span = np.stack([y, np.repeat(x0, rows), np.repeat(x1, rows)], axis=1).astype(np.uint32)
     sums = memory.empty(device, (len(span), 8), np.float32)
-    span_buffer = memory.upload(device, span)
-    event = device.kernel("lighting/span_sums")(
-        device.queue,
+    device.launch(
+        "lighting/span_sums",
         (len(span),),
-        device.one_by_one(),
-        distribution.radiance.buffer,
-        distribution.phi.buffer,
-        np.uint32(envmap.width),
-        np.float32(distribution.scale),
-        span_buffer.buffer,
-        sums.buffer,
+        stage="span sums",
+        radiance=of_map.radiance,
+        phi=of_map.phi,
+        width=of_map.width,
+        scale=of_map.scale,
+        span=memory.upload(device, span),
+        sum=sums,
     )
-    device.profile.record("span sums", event)
 
     # Factors that a row has in common are the host's, in float64.
-    light = memory.download(device, sums).astype(np.float64) * solid_angles(envmap.height, envmap.width)[y, None]
-    theta = row_angles(envmap.height)[y]
+    light = memory.download(device, sums).astype(np.float64) * of_map.solid_angles[y, None]
+    theta = of_map.row_angles[y]
     moment = np.stack(
         [np.sin(theta) * light[:, 3], np.cos(theta) * light[:, :3].sum(axis=1), np.sin(theta) * light[:, 4]], axis=1
     )
@@ -75,7 +73,7 @@ def median_cut(distribution: Distribution, count: int) -> Lights:
     length = np.linalg.norm(moment, axis=1, keepdims=True)
     direction = np.where(length > 1e-6 * flux.sum(axis=1, keepdims=True), moment, (0, 1, 0))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    return checks.made(Lights, direction=direction.astype(np.float32), flux=flux / distribution.scale)
+    return checks.made(Lights, direction=direction.astype(np.float32), flux=flux / of_map.scale)
 
 
 def regions(distribution: Distribution, count: int) -> np.ndarray:
@@ -95,49 +93,46 @@ def regions(distribution: Distribution, count: int) -> np.ndarray:
     table, lit, count = _table(distribution, count)
     edge_sine = memory.upload(device, np.sin(np.pi * np.arange(envmap.height + 1) / envmap.height).astype(np.float32))
     region = memory.empty(device, (count, 4), np.uint32)
-    event = device.kernel("lighting/median_cut")(
-        device.queue,
+    device.launch(
+        "lighting/median_cut",
         (count,),
-        device.one_by_one(),
-        table.buffer,
-        lit.buffer,
-        edge_sine.buffer,
-        np.uint32(envmap.width),
-        np.uint32(envmap.height),
-        np.uint32(count),
-        region.buffer,
+        stage="median cut",
+        energy=table,
+        lit=lit,
+        edge_sine=edge_sine,
+        width=envmap.width,
+        height=envmap.height,
+        light_count=count,
+        region=region,
     )
-    device.profile.record("median cut", event)
     return memory.download(device, region).astype(np.int64)
 
 
 def _table(distribution: Distribution, count: int) -> tuple[DeviceArray, DeviceArray, int]:
     """Summed-area tables of capped energy and of lit pixels, and ``count`` or the lit pixels if they are fewer."""
-    device, envmap = distribution.device, distribution.envmap
-    height, width = envmap.height, envmap.width
-    sin_theta = memory.upload(device, np.sin(row_angles(height)).astype(np.float32))
+    device, of_map = distribution.device, distribution.map
+    height, width = of_map.height, of_map.width
     energy = memory.empty(device, (height, width), np.uint64)
     lit = memory.empty(device, (height, width), np.uint32)
     row = memory.empty(device, (height, 3), np.uint64)
     exponent = 62 - math.frexp(distribution.total)[1]
-    quantum = np.array([2.0 ** (exponent // 2), 2.0 ** (exponent - exponent // 2)], np.float32)
+    quantum = 2.0 ** (exponent // 2), 2.0 ** (exponent - exponent // 2)
 
     def sum_rows(cap: int) -> list[int]:
-        event = device.kernel("lighting/row_sums")(
-            device.queue,
+        device.launch(
+            "lighting/row_sums",
             (height,),
-            (1,),
-            distribution.radiance.buffer,
-            sin_theta.buffer,
-            np.uint32(width),
-            np.float32(distribution.scale),
-            quantum,
-            np.uint64(cap),
-            energy.buffer,
-            lit.buffer,
-            row.buffer,
+            stage="row sums",
+            radiance=of_map.radiance,
+            sin_theta=of_map.sin_theta,
+            width=width,
+            scale=of_map.scale,
+            quantum=quantum,
+            cap=cap,
+            energy=energy,
+            lit=lit,
+            row=row,
         )
-        device.profile.record("row sums", event)
         return [int(n) for n in memory.download(device, row).sum(axis=0)]
 
     # The cap is the share of each light: N cap = sum of min(q, cap). Newton's method on that line of pieces
@@ -155,14 +150,14 @@ def _table(distribution: Distribution, count: int) -> tuple[DeviceArray, DeviceA
         cap = lower
 
     columns = 1 if device.is_gpu else 16
-    event = device.kernel("lighting/column_sums", COLUMNS=columns)(
-        device.queue,
+    device.launch(
+        "lighting/column_sums",
         (-(-width // columns),),
-        device.one_by_one(),
-        np.uint32(width),
-        np.uint32(height),
-        energy.buffer,
-        lit.buffer,
+        stage="column sums",
+        defines={"COLUMNS": columns},
+        width=width,
+        height=height,
+        energy=energy,
+        lit=lit,
     )
-    device.profile.record("column sums", event)
     return energy, lit, count

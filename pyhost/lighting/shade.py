@@ -8,17 +8,19 @@ convex, so visibility is 1 and no ray is traced. Kernels: ``shade_tiles.cl`` wit
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from .. import checks
 from ..disc import check_resolution, disc_tiles, note_tiles
+from ..errors import LightdomeError
 from ..float_range import LARGEST, light_exponent, to_float32
 from ..maps.envmap import EnvironmentMap
 from ..maps.geometry import solid_angles
 from ..opencl import memory
 from ..opencl.device import Device
-from ..opencl.memory import DeviceArray
-from ..progress import Progress
+from ..opencl.signature import Argument
 from ..sampling.samples import Samples
 from .exact import exact
 
@@ -28,18 +30,30 @@ PAIRS_A_LAUNCH = 2**33  # pixels x lights between two updates of the progress li
 SAMPLES_A_ROW = 320  # of a map, from which on an image of the map is made sooner than one of the samples
 
 
+class HasLights(Protocol):
+    """What has a ``direction`` and a ``flux`` for each of N lights, as :class:`Lights` and :class:`Samples` have."""
+
+    @property
+    def direction(self) -> np.ndarray:
+        """(N, 3) unit vectors towards the lights."""
+
+    @property
+    def flux(self) -> np.ndarray:
+        """(N, 3), radiance x steradian."""
+
+
 def shade(
     device: Device,
-    direction: np.ndarray,
-    flux: np.ndarray,
+    direction: np.ndarray | HasLights,
+    flux: np.ndarray | None = None,
     resolution: int = 511,
     albedo: float = 1.0,
     brute_force: bool = False,
 ) -> np.ndarray:
     """Light the sphere with N directional lights: the image is (R, R, 3) float32, radiance.
 
-    - ``direction``: (N, 3) unit vectors towards the lights
-    - ``flux``: (N, 3) what each stands for, radiance x steradian
+    - ``direction``: (N, 3) unit vectors towards the lights; or lights, which have both directions and fluxes
+    - ``flux``: (N, 3) what each stands for, radiance x steradian; none with lights
     - ``brute_force``: evaluate every pair of pixel and light: for comparison, the image is the same
 
     A pixel is albedo / pi times the sum of flux max(0, n . direction); outside the disc it is 0. What exceeds
@@ -50,6 +64,10 @@ def shade(
     checks.instance("the device", device, Device)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
     brute_force = checks.flag("brute_force", brute_force)
+    if flux is None:
+        if not (hasattr(direction, "direction") and hasattr(direction, "flux")):
+            raise LightdomeError(f"expected lights, or directions and fluxes, got {checks.told(direction)} alone")
+        direction, flux = direction.direction, direction.flux
     return _shade(device, *checks.lights(direction, flux), resolution, albedo, brute_force)
 
 
@@ -78,45 +96,36 @@ def _shade(
     # One place decides: a CPU skips pairs of pixel and light tile by tile, a GPU has a pixel a work-item.
     if brute_force or device.is_gpu:
         pixels, rows = device.vector_width, 1
-        kernel = device.kernel("lighting/shade", PIXELS=pixels, ROWS=rows, **defines)
-        lights = (memory.upload(device, light), np.uint32(len(light)))
+        kernel, defines = "lighting/shade", {"PIXELS": pixels, "ROWS": rows, **defines}
+        lights: dict[str, Argument] = {"lights": memory.upload(device, light), "light_count": len(light)}
         why = "it was asked for" if brute_force else "a GPU has a pixel a work-item"
         device.decisions.use("brute force over pairs of pixel and light", why)
     else:
         pixels, rows = LANES, TILE_ROWS
-        kernel = device.kernel("lighting/shade_tiles", ROWS=rows, **defines)
         lights = _grouped(device, light, defines)
+        kernel, defines = "lighting/shade_tiles", {"ROWS": rows, **defines}
         why = "lights far from a tile's horizon are one matrix, or light nothing there"
         device.decisions.skip("brute force over pairs of pixel and light", why)
-    arguments = tuple(a.buffer if isinstance(a, DeviceArray) else a for a in lights)
     tiles = disc_tiles(resolution, pixels, rows)
     note_tiles(device.decisions, tiles, resolution, pixels, rows)
     image = memory.zeros(device, (resolution, resolution, 3), np.float32)
-    tile_buffer = memory.upload(device, tiles)
-
-    step = device.items_a_launch(PAIRS_A_LAUNCH, len(light) * pixels * rows)
-    with Progress("shading the sphere") as progress:
-        for begin in range(0, len(tiles), step):
-            count = min(step, len(tiles) - begin)
-            event = kernel(
-                device.queue,
-                (count,),
-                None if pixels == 1 else (1,),
-                tile_buffer.buffer,
-                *arguments,
-                np.int32(resolution),
-                image.buffer,
-                global_offset=(begin,),
-            )
-            device.profile.record("shade", event)
-            if step < len(tiles):
-                event.wait()
-                progress.update((begin + count) / len(tiles))
+    device.launch(
+        kernel,
+        (len(tiles),),
+        stage="shade",
+        defines=defines,
+        step=device.items_a_launch(PAIRS_A_LAUNCH, len(light) * pixels * rows),
+        progress="shading the sphere",
+        tiles=memory.upload(device, tiles),
+        **lights,
+        resolution=resolution,
+        image=image,
+    )
     result = memory.download(device, image)
     return to_float32(result, exponent) if exponent else result
 
 
-def _grouped(device: Device, light: np.ndarray, defines: dict[str, int]) -> tuple[DeviceArray | np.uint32, ...]:
+def _grouped(device: Device, light: np.ndarray, defines: dict[str, int]) -> dict[str, Argument]:
     """Lights (N, 6), grey ones (N, 4), as ``shade_tiles.cl`` takes them: sorted, with groups' bounds and matrices."""
     order = np.argsort(_places(light[:, :3]), kind="stable")  # the same image from every numpy
     count = -(-len(light) // LANES) * LANES
@@ -126,17 +135,17 @@ def _grouped(device: Device, light: np.ndarray, defines: dict[str, int]) -> tupl
     lights = memory.upload(device, rows)
     bounds = memory.empty(device, (count // LANES, 4), np.float32)
     groups = memory.empty(device, (count // LANES, 16), np.float32)
-    event = device.kernel("lighting/light_groups", **defines)(
-        device.queue,
+    device.launch(
+        "lighting/light_groups",
         (count // LANES,),
-        device.one_by_one(),
-        lights.buffer,
-        np.uint32(count),
-        bounds.buffer,
-        groups.buffer,
+        stage="light groups",
+        defines=defines,
+        lights=lights,
+        stride=count,
+        bounds=bounds,
+        matrix=groups,
     )
-    device.profile.record("light groups", event)
-    return lights, np.uint32(count), bounds, groups
+    return {"lights": lights, "stride": count, "bounds": bounds, "groups": groups}
 
 
 def _places(direction: np.ndarray) -> np.ndarray:

@@ -35,6 +35,12 @@ def solid_angles(height: int, width: int) -> np.ndarray:
     return 2 * np.pi / width * 2 * np.sin(np.pi / (2 * height)) * np.sin(row_angles(height))
 
 
+def directions(theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
+    """Unit vectors (..., 3) in the directions of these angles, radians; the two are broadcast."""
+    of_both = np.sin(theta) * np.cos(phi), np.cos(theta), np.sin(theta) * np.sin(phi)
+    return np.stack(np.broadcast_arrays(*of_both), axis=-1)
+
+
 def sine_cosine(angle: np.ndarray) -> np.ndarray:
     # Tables from the host: sin and cos differ between devices in the last digits, and samples may not.
     return np.stack([np.sin(angle), np.cos(angle)], axis=1).astype(np.float32)

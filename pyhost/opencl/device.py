@@ -14,6 +14,7 @@ import subprocess
 import sys
 import time
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -25,14 +26,16 @@ from ..errors import LightdomeError, one_line
 from ..files import replacing
 from ..interrupts import Unheard
 from ..progress import Progress
-from .profile import Profile
-from .programs import Kernel, Programs, check_process
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # pyopencl tells of optional packages that lightdome never uses
     import pyopencl as cl
 
+from .launch import launch
+from .profile import Profile
+from .programs import Kernel, Programs, check_process
 from .rates import Rates
+from .signature import Argument
 
 PROBE_SECONDS = 60.0
 FAILURE_SECONDS = 86400.0  # for which a failure is remembered where another device works
@@ -80,13 +83,6 @@ class Device:
         """Whether kernels can work on the host's memory in place."""
         return bool(self.handle.type & cl.device_type.CPU)
 
-    def one_by_one(self, dimensions: int = 1) -> tuple[int, ...] | None:
-        """The local size for work-items that have much to do: one a group on a CPU, a GPU's driver chooses.
-
-        Left to choose, PoCL takes another local size for nearly every global one, and compiles the kernel for each.
-        """
-        return None if self.is_gpu else (1,) * dimensions
-
     def items_a_launch(self, work: int, work_an_item: int) -> int:
         """How many work-items make a launch of about ``work``, at least one: longer work takes several launches."""
         return max(1, work // work_an_item)
@@ -94,6 +90,40 @@ class Device:
     def kernel(self, name: str, **defines: int) -> Kernel:
         """The kernel ``name`` of the source file ``clkernels/name.cl``, built once per set of ``defines``."""
         return self.programs.kernel(name, **defines)
+
+    def launch(
+        self,
+        name: str,
+        size: tuple[int, ...],
+        /,
+        *,
+        stage: str | None = None,
+        defines: Mapping[str, int] | None = None,
+        group: int | None = None,
+        step: int | None = None,
+        progress: str | None = None,
+        **arguments: Argument,
+    ) -> None:
+        """Launch the kernel ``name``, as ``sampling/guide``, over ``size`` work-items; it may still run on return.
+
+        ``arguments`` have the names of the kernel's own signature and are cast to its types: arrays on the device for
+        pointers, numbers, and sequences of numbers for vectors. What the kernel works on is kept until it is done.
+
+        - ``stage``: its name in the profile, else the kernel's
+        - ``defines``: what the kernel is built with
+        - ``group``: work-items per group, for a kernel whose work-items do little and ignore those beyond their number
+        - ``step``: work-items per launch, see :meth:`items_a_launch`; several launches run one after the other, and
+          the line ``progress`` says how far they are
+
+        Raises ``TypeError`` for arguments that are not those of the kernel, and :class:`LightdomeError` if the device's
+        compiler refuses it, or in a forked process.
+        """
+        launch(self, name, size, arguments, stage, defines or {}, group, step, progress)
+
+    def wait(self) -> None:
+        """Wait until all that was launched is done."""
+        self.queue.finish()
+        self.profile.settle()
 
 
 def open_device(choice: str | None = None) -> Device:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyopencl as cl
 
 from ..errors import LightdomeError
-from .device import Device
+
+if TYPE_CHECKING:
+    from .device import Device
 
 CACHE_LINE = 64  # bytes
 
@@ -40,23 +43,16 @@ def upload(device: Device, array: np.ndarray, stage: str = "upload") -> DeviceAr
     return DeviceArray(buffer, array.shape, array.dtype, None)
 
 
-def empty(device: Device, shape: int | tuple[int, ...], dtype: type, out: np.ndarray | None = None) -> DeviceArray:
-    """Room for a kernel's result, not initialised; in ``out`` where that is given and host and device share memory.
+def empty(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceArray:
+    """Room for a kernel's result, not initialised.
 
-    Raises :class:`LightdomeError` if there is none, or if ``out`` is not such an array.
+    Raises :class:`LightdomeError` if there is none.
     """
     shape = (shape,) if isinstance(shape, int) else shape
     kind = np.dtype(dtype)
     size = math.prod(shape) * kind.itemsize
     check_room(device, size)
-    fits = out is None or (out.shape == shape and out.dtype == kind and out.flags.carray)
-    if not fits or (device.shares_host_memory and out is not None and not _is_aligned(out)):
-        raise LightdomeError(
-            f"out must be what an earlier call returned: expected shape {shape} {kind}, got {out.shape} {out.dtype}"
-        )
-    host = None
-    if device.shares_host_memory:
-        host = _aligned(shape, kind) if out is None else out
+    host = _aligned(shape, kind) if device.shares_host_memory else None
     return DeviceArray(_buffer(device, cl.mem_flags.READ_WRITE, size, host), shape, kind, host)
 
 
@@ -66,10 +62,6 @@ def _aligned(shape: tuple[int, ...], kind: np.dtype) -> np.ndarray:
     memory = np.empty(size + CACHE_LINE, np.uint8)
     start = -memory.ctypes.data % CACHE_LINE
     return memory[start : start + size].view(kind).reshape(shape)
-
-
-def _is_aligned(array: np.ndarray) -> bool:
-    return array.ctypes.data % CACHE_LINE == 0
 
 
 # No index overflows before a buffer is refused here, or by the host. Kernels count columns, rows and lights in 32 bits:
@@ -100,9 +92,15 @@ def _buffer(device: Device, flags: int, size: int, host: np.ndarray | None) -> c
 
 def zeros(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceArray:
     """Room for a kernel's result, all zero."""
+    return full(device, shape, 0, dtype)
+
+
+def full(device: Device, shape: int | tuple[int, ...], value: float, dtype: type) -> DeviceArray:
+    """An array of the one ``value``."""
     array = empty(device, shape, dtype)
     size = math.prod(array.shape) * array.dtype.itemsize
-    device.profile.record("clear", cl.enqueue_fill_buffer(device.queue, array.buffer, np.uint8(0), 0, size))
+    event = cl.enqueue_fill_buffer(device.queue, array.buffer, array.dtype.type(value), 0, size)
+    device.profile.record("clear", event, array)
     return array
 
 

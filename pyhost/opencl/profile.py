@@ -2,32 +2,49 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     import pyopencl as cl
 
+PENDING = 64  # commands that may be under way: so many events are kept, and what their commands work on
+
 
 class Profile:
-    """Events by the name of their stage, in the order in which the stages first ran."""
+    """Device time by the name of its stage, in the order in which the stages first ran.
+
+    An event, and what its command works on, is kept until the command is done.
+    """
 
     def __init__(self) -> None:
-        self._events: dict[str, list[cl.Event]] = {}
+        self._nanoseconds: dict[str, int] = {}
+        self._pending: deque[tuple[str, cl.Event, tuple[object, ...]]] = deque()  # an in-order queue's, oldest first
 
-    def record(self, stage: str, event: cl.Event) -> cl.Event:
-        """Keep ``event`` as a part of ``stage`` and hand it back."""
-        self._events.setdefault(stage, []).append(event)
-        return event
+    def record(self, stage: str, event: cl.Event, *kept: object) -> None:
+        """Count ``event`` as a part of ``stage``; ``kept`` stays alive until it is complete."""
+        self._nanoseconds.setdefault(stage, 0)
+        self._pending.append((stage, event, kept))
+        while self._pending and (len(self._pending) > PENDING or self._pending[0][1].command_execution_status <= 0):
+            self._settle_oldest()
+
+    def settle(self) -> None:
+        """Wait for what is still running."""
+        while self._pending:
+            self._settle_oldest()
+
+    def _settle_oldest(self) -> None:
+        stage, event, kept = self._pending.popleft()
+        event.wait()
+        del kept  # not before
+        self._nanoseconds[stage] += event.profile.end - event.profile.start
 
     def seconds(self) -> dict[str, float]:
         """The device time of each stage in seconds; waits for what is still running."""
-        result = {}
-        for stage, events in self._events.items():
-            for event in events:
-                event.wait()
-            result[stage] = 1e-9 * sum(e.profile.end - e.profile.start for e in events)
-        return result
+        self.settle()
+        return {stage: 1e-9 * nanoseconds for stage, nanoseconds in self._nanoseconds.items()}
 
     def clear(self) -> None:
-        """Forget all events."""
-        self._events.clear()
+        """Forget all that has run; waits for what is still running."""
+        self.settle()
+        self._nanoseconds.clear()

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import pyopencl as cl
 
 from ..errors import LightdomeError, one_line
+from .signature import Argument, Signature, signature
 
 if TYPE_CHECKING:
     from importlib.abc import Traversable  # in importlib.resources.abc from Python 3.11
@@ -66,16 +67,29 @@ def compiler_says(error: cl.Error) -> str:
 
 
 class Kernel:
-    """A kernel, called as pyopencl's own is, but only in the process that opened its device."""
+    """A kernel that is called with named arguments, and only in the process that opened its device."""
 
-    def __init__(self, kernel: cl.Kernel) -> None:
+    def __init__(self, kernel: cl.Kernel, signature: Signature) -> None:
         self._kernel = kernel
+        self._signature = signature
         self._process = os.getpid()
 
-    def __call__(self, *args: object, **options: object) -> cl.Event:
-        """Run it: queue, global size, local size, and the kernel's arguments."""
+    def __call__(
+        self,
+        queue: cl.CommandQueue,
+        size: tuple[int, ...],
+        local: tuple[int, ...] | None,
+        /,
+        *,
+        global_offset: tuple[int, ...] | None = None,
+        **arguments: Argument,
+    ) -> cl.Event:
+        """Run it with global and local size; keep ``arguments`` until the event is complete.
+
+        Raises ``TypeError`` for arguments that are not those of its signature.
+        """
         check_process(self._process)
-        return self._kernel(*args, **options)
+        return self._kernel(queue, size, local, *self._signature.bind(arguments), global_offset=global_offset)
 
 
 class Programs:
@@ -121,7 +135,8 @@ class Programs:
         if key not in self._kernels:
             of_all = {**self._defines, **defines}
             options = ["-cl-std=CL1.2", *(f"-D{define}={value}" for define, value in sorted(of_all.items()))]
-            program = cl.Program(self._context, self.text(name))
+            text = self.text(name)
+            program = cl.Program(self._context, text)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", cl.CompilerWarning)  # chatter of a build that went well
                 try:
@@ -131,5 +146,6 @@ class Programs:
                         f"the OpenCL compiler refuses clkernels/{name}.cl ({compiler_says(error)});"
                         " choose another device with --device"
                     ) from error
-            self._kernels[key] = Kernel(getattr(program, name.rpartition("/")[2]))
+            kernel = getattr(program, name.rpartition("/")[2])
+            self._kernels[key] = Kernel(kernel, signature(name, text, of_all))
         return self._kernels[key]

@@ -15,6 +15,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import pyopencl as cl
 
+from .memory import DeviceArray
 from .programs import Programs
 
 REPEATS = 15  # the fastest counts: other programs on the machine only make it look slower
@@ -101,29 +102,30 @@ def measure(context: cl.Context) -> Rates:
     programs = Programs(context)
     is_gpu = bool(device.type & cl.device_type.GPU)
     local = None if is_gpu else (1,)
-    flags = cl.mem_flags.READ_WRITE
+
+    def room(size: int) -> DeviceArray:
+        return DeviceArray(cl.Buffer(context, cl.mem_flags.READ_WRITE, size), (size // 4,), np.dtype(np.float32), None)
 
     chains, block = (1, 1) if is_gpu else (CHAINS, COPY_BLOCK)
     items = (GPU_ITEMS_A_UNIT if is_gpu else ITEMS_A_UNIT) * device.max_compute_units
-    result = cl.Buffer(context, flags, 64 * items)
-    one, steps = np.float32(1), np.uint32(STEPS)
+    result = room(64 * items)
 
     def multiply_add(fused: int) -> Callable[[], cl.Event]:
         kernel = programs.kernel("limits/multiply_add", CHAINS=chains, FUSED=fused)
-        return lambda: kernel(queue, (items,), local, one, one, steps, result)
+        return lambda: kernel(queue, (items,), local, factor=1, term=1, steps=STEPS, result=result)
 
     fused, plain = (16 * chains * STEPS * items / s for s in _on_device(multiply_add(1), multiply_add(0)))
-    source, target = (cl.Buffer(context, flags, COPY_BYTES // 2) for _ in range(2))
-    for buffer in (source, target):  # touches all pages
-        cl.enqueue_fill_buffer(queue, buffer, np.float32(1), 0, COPY_BYTES // 2)
+    source, target = (room(COPY_BYTES // 2) for _ in range(2))
+    for array in (source, target):  # touches all pages
+        cl.enqueue_fill_buffer(queue, array.buffer, np.float32(1), 0, COPY_BYTES // 2)
     copy, count = programs.kernel("limits/copy", BLOCK=block), COPY_BYTES // 2 // (16 * block)
     launch = programs.kernel("limits/launch")
-    (copy_seconds,) = _on_device(lambda: copy(queue, (count,), local, source, target))
+    (copy_seconds,) = _on_device(lambda: copy(queue, (count,), local, **{"from": source, "to": target}))
     return Rates(
         fused=fused,
         plain=plain,
         copies=COPY_BYTES / copy_seconds,
-        transfers=None if device.type & cl.device_type.CPU else _transfers(queue, source),
+        transfers=None if device.type & cl.device_type.CPU else _transfers(queue, source.buffer),
         launches=1 / _on_host(lambda: launch(queue, (1,), (1,)).wait()),
         numpy=_numpy(),
     )

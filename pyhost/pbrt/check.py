@@ -16,7 +16,7 @@ from .. import checks
 from ..disc import check_resolution, disc_mask
 from ..errors import LightdomeError
 from ..maps.envmap import EnvironmentMap
-from ..maps.geometry import solid_angles
+from ..maps.geometry import directions, solid_angles
 
 STANDARD_ERRORS = 10
 SQUARES = 48  # in a row of the image, at most
@@ -88,9 +88,7 @@ def _reflected(envmap: EnvironmentMap, normals: np.ndarray) -> np.ndarray:
     flux = np.add.reduceat(np.stack(of_rows), rows, axis=0)
     theta = (np.pi / height) * (rows + np.append(rows[1:], height)) / 2
     phi = (np.pi / width) * (columns + np.append(columns[1:], width))
-    y, ring = np.cos(theta)[:, None], np.sin(theta)[:, None]
-    directions = np.stack(np.broadcast_arrays(ring * np.cos(phi), y, ring * np.sin(phi)), axis=-1)
     result = np.zeros((len(normals), 3))
-    for of_row, row in zip(directions, flux, strict=True):
+    for of_row, row in zip(directions(theta[:, None], phi), flux, strict=True):
         result += np.maximum(normals @ of_row.T, 0) @ row
     return result / np.pi

@@ -30,19 +30,18 @@ from .. import checks
 from ..disc import check_resolution, disc_tiles, note_tiles
 from ..errors import LightdomeError
 from ..float_range import to_float32
-from ..maps.geometry import row_angles
 from ..names import ESTIMATORS as ESTIMATORS
 from ..names import PIXEL_SEQUENCES as SEQUENCES
 from ..opencl import memory
 from ..progress import Progress
-from ..sampling.distribution import Distribution, build_cdfs, philox_key
-from ..sampling.guide import build_guide
+from ..sampling.cdf import build_cdf
+from ..sampling.distribution import Distribution
+from ..sampling.draw import philox_key
 from .product import ProductCDFs, build_product_cdfs
 
 if TYPE_CHECKING:
-    import pyopencl as cl
-
     from ..opencl.device import Device
+    from ..opencl.signature import Argument
 
 SAMPLES_A_LAUNCH = 2**25  # pixels x spp between two updates of the progress line
 PIXELS_A_BLOCK = 128  # that a work-item of a CPU renders side by side
@@ -111,7 +110,7 @@ def _images(
     disc = disc_tiles(resolution, 1, 1)
     note_tiles(device.decisions, disc, resolution, 1, 1)
     defines = {f"SEQUENCE_{sequence.upper()}": 1}
-    if distribution.envmap.is_grey:
+    if distribution.map.is_grey:
         device.decisions.skip("separate channels", "the map is grey")
         defines["GREY"] = 1
     else:
@@ -135,8 +134,8 @@ def _images(
         for target in spp:
             while done < target:
                 end = min(done + step, target)
-                event = launch(key, np.uint32(done), np.uint32(end), np.int32(resolution), total.buffer)
-                device.profile.record("render", event).wait()
+                launch(seed=key, begin=done, end=end, resolution=resolution, sum=total)
+                device.wait()
                 done = end
                 progress.update(done / spp[-1])
             # In float64: albedo F / pi can be above float32's range where no radiance is.
@@ -152,75 +151,81 @@ def _black(spp: Sequence[int], resolution: int) -> Iterator[tuple[int, np.ndarra
 
 def _launch(
     distribution: Distribution, mis_compensation: bool, disc: np.ndarray, defines: dict[str, int]
-) -> tuple[Callable[..., cl.Event], float]:
+) -> tuple[Callable[..., None], float]:
     """The kernel ``render``, given all but its last arguments, and the flux of R + G + B that it samples."""
-    device, envmap, scale = distribution.device, distribution.envmap, distribution.scale
-    row_cdf, marginal_cdf, total = distribution.row_cdf, distribution.marginal_cdf, distribution.total
-    guide, offset = None, 0.0
+    device, of_map, cdf = distribution.device, distribution.map, distribution.cdf
+    offset = 0.0
     if mis_compensation:
-        mean = float(np.float32(total / np.sin(row_angles(envmap.height)).sum() / envmap.width))
-        compensated = build_cdfs(device, distribution.radiance, scale, mean)
-        if compensated[2] > 0:  # else the map is the same all over: there is nothing above its mean
-            row_cdf, marginal_cdf, total = compensated
+        mean = float(np.float32(cdf.total / np.sin(of_map.row_angles).sum() / of_map.width))
+        compensated = build_cdf(of_map, mean)
+        if compensated.total > 0:  # else the map is the same all over: there is nothing above its mean
+            cdf = compensated
             offset = mean
-            guide = build_guide(device, row_cdf, marginal_cdf)
-    flux = 3 * distribution.flux * (total / distribution.total)
-    of_light: tuple[object, ...] = ()
+    flux = 3 * distribution.flux * (cdf.total / distribution.total)
+    of_light: dict[str, Argument] = {}
     if "ESTIMATOR_BSDF" in defines:
         device.decisions.skip("guide tables", "directions of the cosine need no search")
     else:
         device.decisions.use("guide tables", "every sample of every pixel searches the map")
-        guide = guide or distribution.guide
-        edge = np.cos(np.pi / envmap.height * np.arange(envmap.height + 1)).astype(np.float32)
-        angles = (distribution.theta.buffer, distribution.phi.buffer, memory.upload(device, edge).buffer)
-        of_light = (row_cdf.buffer, marginal_cdf.buffer, *guide.arguments, *angles)
+        edge = np.cos(np.pi / of_map.height * np.arange(of_map.height + 1)).astype(np.float32)
+        of_light = {
+            "row_cdf": cdf.rows,
+            "marginal_cdf": cdf.marginal,
+            **cdf.guide.arguments,
+            "theta": of_map.theta,
+            "phi": of_map.phi,
+            "edge": memory.upload(device, edge),
+        }
     launch = partial(
         _in_blocks(device, "rendering/render", disc, defines),
-        distribution.radiance.buffer,
-        *of_light,
-        np.uint32(envmap.width),
-        np.uint32(envmap.height),
-        np.float32(scale),
-        np.float32(offset),
-        np.float32(np.pi / (flux * scale)),
-        memory.upload(device, disc).buffer,
-        np.uint32(len(disc)),
+        radiance=of_map.radiance,
+        **of_light,
+        width=of_map.width,
+        height=of_map.height,
+        scale=of_map.scale,
+        offset=offset,
+        k_light=np.pi / (flux * of_map.scale),
     )
     return launch, flux
 
 
 def _product_launch(
     distribution: Distribution, cdfs: ProductCDFs, disc: np.ndarray, defines: dict[str, int]
-) -> Callable[..., cl.Event]:
+) -> Callable[..., None]:
     """The kernel ``render_product``, given all but its last arguments."""
-    device, envmap = distribution.device, distribution.envmap
+    of_map = distribution.map
     return partial(
-        _in_blocks(device, "rendering/render_product", disc, defines),
-        cdfs.tile_column_cdf.buffer,
-        cdfs.tile_row_cdf.buffer,
-        cdfs.tiles.buffer,
-        cdfs.tile_total.buffer,
-        np.uint32(cdfs.tile_size),
-        np.uint32(cdfs.tile_total.shape[1]),
-        cdfs.column_cdf.buffer,
-        cdfs.row_cdf.buffer,
-        cdfs.lights.buffer,
-        np.array(cdfs.lights.shape[1::-1], np.uint32),
-        np.array(cdfs.cell_size, np.uint32),
-        distribution.radiance.buffer,
-        distribution.theta.buffer,
-        distribution.phi.buffer,
-        np.uint32(envmap.width),
-        np.uint32(envmap.height),
-        np.float32(distribution.scale),
-        np.float32(1 / distribution.total),
-        memory.upload(device, disc).buffer,
-        np.uint32(len(disc)),
+        _in_blocks(distribution.device, "rendering/render_product", disc, defines),
+        tile_column_cdf=cdfs.tile_column_cdf,
+        tile_row_cdf=cdfs.tile_row_cdf,
+        tiles=cdfs.tiles,
+        tile_total=cdfs.tile_total,
+        tile_size=cdfs.tile_size,
+        tiles_across=cdfs.tile_total.shape[1],
+        column_cdf=cdfs.column_cdf,
+        row_cdf=cdfs.row_cdf,
+        lights=cdfs.lights,
+        cells=cdfs.lights.shape[1::-1],
+        cell_size=cdfs.cell_size,
+        radiance=of_map.radiance,
+        theta=of_map.theta,
+        phi=of_map.phi,
+        width=of_map.width,
+        height=of_map.height,
+        scale=of_map.scale,
+        inverse_total=1 / distribution.total,
     )
 
 
-def _in_blocks(device: Device, name: str, disc: np.ndarray, defines: dict[str, int]) -> Callable[..., cl.Event]:
-    """The kernel ``name``, a work-item a block of the disc's pixels, given all but its arguments."""
+def _in_blocks(device: Device, name: str, disc: np.ndarray, defines: dict[str, int]) -> Callable[..., None]:
+    """The kernel ``name``, a work-item a block of the disc's pixels, given these alone."""
     block = 1 if device.is_gpu else PIXELS_A_BLOCK
-    kernel = device.kernel(name, BLOCK=block, **defines)
-    return partial(kernel, device.queue, (-(-len(disc) // block),), device.one_by_one())
+    return partial(
+        device.launch,
+        name,
+        (-(-len(disc) // block),),
+        stage="render",
+        defines={"BLOCK": block, **defines},
+        disc=memory.upload(device, disc),
+        pixel_count=len(disc),
+    )

@@ -54,30 +54,28 @@ def build_product_cdfs(distribution: Distribution, resolution: int) -> ProductCD
     """
     checks.instance("the distribution", distribution, Distribution)
     resolution = check_resolution(resolution)
-    device, envmap = distribution.device, distribution.envmap
-    cell_size = -(-envmap.width // CELLS[0]), -(-envmap.height // CELLS[1])
-    across, down = -(-envmap.width // cell_size[0]), -(-envmap.height // cell_size[1])
-    column_cdf = memory.empty(device, (envmap.height, envmap.width), np.uint32)
-    row_cdf = memory.empty(device, (across, envmap.height), np.uint32)
+    device, of_map = distribution.device, distribution.map
+    cell_size = -(-of_map.width // CELLS[0]), -(-of_map.height // CELLS[1])
+    across, down = -(-of_map.width // cell_size[0]), -(-of_map.height // cell_size[1])
+    column_cdf = memory.empty(device, (of_map.height, of_map.width), np.uint32)
+    row_cdf = memory.empty(device, (across, of_map.height), np.uint32)
     flux = memory.empty(device, (down, across), np.float32)
     lights = memory.empty(device, (down, across, 4), np.float32)
-    event = device.kernel("rendering/cells")(
-        device.queue,
+    device.launch(
+        "rendering/cells",
         (across, down),
-        device.one_by_one(2),
-        distribution.radiance.buffer,
-        distribution.theta.buffer,
-        distribution.phi.buffer,
-        np.uint32(envmap.width),
-        np.uint32(envmap.height),
-        np.array(cell_size, np.uint32),
-        np.float32(distribution.scale),
-        column_cdf.buffer,
-        row_cdf.buffer,
-        flux.buffer,
-        lights.buffer,
+        radiance=of_map.radiance,
+        theta=of_map.theta,
+        phi=of_map.phi,
+        width=of_map.width,
+        height=of_map.height,
+        size=cell_size,
+        scale=of_map.scale,
+        column_cdf=column_cdf,
+        row_cdf=row_cdf,
+        flux=flux,
+        lights=lights,
     )
-    device.profile.record("cells", event)
 
     tile_size = -(-resolution // TILES)
     count = -(-resolution // tile_size)
@@ -85,21 +83,20 @@ def build_product_cdfs(distribution: Distribution, resolution: int) -> ProductCD
     tile_total = memory.zeros(device, (count, count), np.float32)
     tile_column_cdf = memory.empty(device, (count, count, down, across), np.uint32)
     tile_row_cdf = memory.empty(device, (count, count, down), np.uint32)
-    event = device.kernel("rendering/product_cdf")(
-        device.queue,
+    device.launch(
+        "rendering/product_cdf",
         (count, count),
-        device.one_by_one(2),
-        flux.buffer,
-        lights.buffer,
-        np.array((across, down), np.uint32),
-        np.int32(tile_size),
-        np.int32(resolution),
-        tiles.buffer,
-        tile_total.buffer,
-        tile_column_cdf.buffer,
-        tile_row_cdf.buffer,
+        stage="product cdf",
+        flux=flux,
+        lights=lights,
+        cells=(across, down),
+        tile_size=tile_size,
+        resolution=resolution,
+        tiles=tiles,
+        total=tile_total,
+        column_cdf=tile_column_cdf,
+        row_cdf=tile_row_cdf,
     )
-    device.profile.record("product cdf", event).wait()
     return ProductCDFs(
         tile_size=tile_size,
         tile_column_cdf=tile_column_cdf,

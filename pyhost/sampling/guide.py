@@ -37,34 +37,29 @@ class Guide:
     row_shift: int
 
     @property
-    def arguments(self) -> tuple[object, ...]:
+    def arguments(self) -> dict[str, DeviceArray | int]:
         """The arguments of kernels that search with this guide."""
-        tables = (self.marginal.buffer, self.rows.buffer, self.row_total.buffer)
-        return *tables, np.uint32(self.marginal_shift), np.uint32(self.row_shift)
+        return {
+            "marginal_guide": self.marginal,
+            "row_guide": self.rows,
+            "row_total": self.row_total,
+            "marginal_shift": self.marginal_shift,
+            "row_shift": self.row_shift,
+        }
 
 
 def build_guide(device: Device, row_cdf: DeviceArray, marginal_cdf: DeviceArray) -> Guide:
-    """Guide tables for a map's CDFs (H, W) and (H,), see :func:`lightdome.sampling.distribution.build_cdfs`."""
+    """Guide tables for a map's CDFs (H, W) and (H,), see :class:`lightdome.sampling.cdf.MapCDF`."""
     height, width = row_cdf.shape
 
     def table(cdf: DeviceArray, count: int, n: int, buckets: float) -> tuple[DeviceArray, DeviceArray, int]:
         bits = max(1, math.ceil(math.log2(min(n * buckets, MAX_BUCKETS / count))))
         guide = memory.empty(device, (count, 2**bits, 2), np.uint32)
         total = memory.empty(device, count, np.uint32)
-        event = device.kernel("sampling/guide")(
-            device.queue,
-            (count,),
-            device.one_by_one(),
-            cdf.buffer,
-            np.uint32(n),
-            np.uint32(32 - bits),
-            guide.buffer,
-            total.buffer,
-        )
-        device.profile.record("guide", event)
-        return guide, total, 32 - bits
+        shift = 32 - bits
+        device.launch("sampling/guide", (count,), cdf=cdf, n=n, shift=shift, guide=guide, total=total)
+        return guide, total, shift
 
     marginal, _, marginal_shift = table(marginal_cdf, 1, height, BUCKETS_A_ROW)
     rows, row_total, row_shift = table(row_cdf, height, width, BUCKETS_A_PIXEL)
-    device.queue.finish()  # where the memory is the host's, it may be freed from here on
     return Guide(marginal, rows, row_total, marginal_shift, row_shift)

@@ -15,7 +15,7 @@ import numpy as np
 from .. import __version__, checks
 from ..errors import LightdomeError, one_line
 from ..files import replacing
-from ..maps.geometry import column_angles, row_angles, solid_angles
+from ..maps.geometry import column_angles, directions, row_angles, solid_angles
 from ..names import SEQUENCES as SEQUENCES
 
 MAX_SAMPLES = 2**27  # what a file may hold; 44 bytes each
@@ -190,5 +190,5 @@ def _check(samples: Samples) -> None:
     L = samples.radiance
     refuse(~(np.isfinite(L) & (L >= 0)).all(axis=1), "a radiance is negative, infinite or NaN")
     theta, phi = row_angles(height)[y], column_angles(width)[x]
-    expected = np.stack([np.sin(theta) * np.cos(phi), np.cos(theta), np.sin(theta) * np.sin(phi)], axis=1)
+    expected = directions(theta, phi)
     refuse(~(np.abs(samples.direction - expected) < 1e-5).all(axis=1), "a direction is not that of its pixel")

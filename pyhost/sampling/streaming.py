@@ -15,23 +15,15 @@ import numpy as np
 from .. import __version__, checks
 from ..errors import LightdomeError
 from ..maps.envmap import EnvironmentMap, Inspection, Replaced
-from ..maps.geometry import column_angles, row_angles, sine_cosine
+from ..maps.geometry import row_angles
 from ..maps.images import ImageRows
 from ..opencl import memory
 from ..opencl.device import Device
 from ..opencl.memory import DeviceArray
 from ..progress import Progress
-from .distribution import (
-    BLACK,
-    MAX_COUNT,
-    Distribution,
-    build_marginal_cdf,
-    build_row_cdfs,
-    is_guided,
-    philox_key,
-    range_scale,
-    sequence_define,
-)
+from .cdf import MapCDF, build_marginal_cdf, build_row_cdfs
+from .device_map import DeviceMap, range_scale
+from .draw import BLACK, MAX_COUNT, OUTPUTS, Points, drawn, given_points, is_guided, sequence_points
 from .samples import Samples
 
 GROUP = 64  # work-items a group: where it may choose, PoCL takes another size for nearly every count, and compiles anew
@@ -59,39 +51,44 @@ def sample_file(
     checks.instance("the device", device, Device)
     checks.instance("the image", image, ImageRows)
     counts = checks.wholes("counts", counts, 0, MAX_COUNT)
-    defines = [sequence_define(count, sequence) for count in counts]
+    points = [sequence_points(count, seed, sequence) for count in counts]
     memory.check_room(device, 12 * sum(counts))  # as where the map is in memory
-    key = philox_key(seed)
     inspection = Inspection(sanitize, image.largest)
     row_sums = _row_sums(device, image, 1.0, inspection)
     inspection.refuse_bad_pixels(str(image.path))
     scale = range_scale(inspection.peak)
     if scale != 1:
         row_sums = _row_sums(device, image, scale, Inspection(sanitize, image.largest))
-    marginal_cdf, total = build_marginal_cdf(device, memory.upload(device, row_sums))
+    sin_theta = memory.upload(device, np.sin(row_angles(image.height)).astype(np.float32))
+    marginal, total = build_marginal_cdf(device, memory.upload(device, row_sums), sin_theta)
     if total == 0:
         raise LightdomeError(BLACK)
     if report is not None and (replaced := inspection.replaced(image.height, total / scale)):
         report(replaced)
-    chosen = [_choose_rows(device, marginal_cdf, *pair, key) for pair in zip(counts, defines, strict=True)]
+    chosen = [_choose_rows(device, marginal, of_set) for of_set in points]
     row, across = (np.concatenate(parts) for parts in zip(*chosen, strict=True))
-    drawn = _draw(device, image, Inspection(sanitize, image.largest), row, across, scale, total)
+    samples = _draw(device, image, Inspection(sanitize, image.largest), row, across, scale, total)
     shape = (image.height, image.width)
-    sets = (np.split(array, np.cumsum(counts)[:-1]) for array in drawn)
+    sets = (np.split(array, np.cumsum(counts)[:-1]) for array in samples.values())
     return [
         checks.made(
             Samples,
-            direction=direction,
-            radiance=radiance,
-            probability=probability,
-            pixel=pixel,
+            **dict(zip(samples, of_set, strict=True)),
             map_shape=shape,
             sequence=sequence,
             seed=seed,
             version=__version__,
         )
-        for direction, radiance, probability, pixel in zip(*sets, strict=True)
+        for of_set in zip(*sets, strict=True)
     ]
+
+
+def _band(
+    device: Device, image: ImageRows, rows: np.ndarray, radiance: np.ndarray, peak: float, scale: float
+) -> DeviceMap:
+    """Some rows of the map in a file."""
+    envmap = checks.made(EnvironmentMap, radiance=radiance, peak=peak, replaced=None, notes=())
+    return DeviceMap(device, envmap, scale, row_angles(image.height)[rows])
 
 
 def _row_sums(device: Device, image: ImageRows, scale: float, inspection: Inspection) -> np.ndarray:
@@ -100,31 +97,30 @@ def _row_sums(device: Device, image: ImageRows, scale: float, inspection: Inspec
     done = 0
     with Progress("reading the map") as progress:
         for rows, radiance in image.read(np.arange(image.height)):
-            band = memory.upload(device, inspection.mended(radiance, int(rows[0])))
-            built = build_row_cdfs(device, band, scale)
-            sums[rows] = memory.download(device, built[1])
+            mended = inspection.mended(radiance, int(rows[0]))
+            built = build_row_cdfs(_band(device, image, rows, mended, inspection.peak, scale))
+            sums[rows] = memory.download(device, built.sums)
             done += len(rows)
             progress.update(done / image.height)
     return sums
 
 
-def _choose_rows(
-    device: Device, marginal_cdf: DeviceArray, count: int, defines: dict[str, int], key: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _choose_rows(device: Device, marginal: DeviceArray, points: Points) -> tuple[np.ndarray, np.ndarray]:
     """The row of every sample, and the point that picks a pixel in it as a fraction of 2^32: (N,) uint32 each."""
-    row, across = (memory.empty(device, count, np.uint32) for _ in range(2))
-    event = device.kernel("sampling/choose_rows", **defines)(
-        device.queue,
-        (-(-count // GROUP) * GROUP,),
-        (GROUP,),
-        marginal_cdf.buffer,
-        np.uint32(marginal_cdf.shape[0]),
-        np.uint32(count),
-        key,
-        row.buffer,
-        across.buffer,
+    row, across = (memory.empty(device, points.count, np.uint32) for _ in range(2))
+    device.launch(
+        "sampling/choose_rows",
+        (points.count,),
+        stage="search",
+        defines=points.defines,
+        group=GROUP,
+        marginal_cdf=marginal,
+        height=marginal.shape[0],
+        count=points.count,
+        **points.arguments,
+        row=row,
+        across=across,
     )
-    device.profile.record("search", event)
     return memory.download(device, row), memory.download(device, across)
 
 
@@ -136,45 +132,30 @@ def _draw(
     across: np.ndarray,
     scale: float,
     total: float,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Direction, radiance, probability and pixel of samples in known rows."""
+) -> dict[str, np.ndarray]:
+    """All OUTPUTS of samples in known rows."""
     count = len(row)
-    direction, radiance = (np.empty((count, 3), np.float32) for _ in range(2))
-    probability, pixel = np.empty(count, np.float32), np.empty((count, 2), np.int32)
+    result = {name: np.empty((count, *shape), kind) for name, (shape, kind) in OUTPUTS.items()}
     order = np.argsort(row)
     sorted_row = row[order]
-    theta = sine_cosine(row_angles(image.height))
-    phi = memory.upload(device, sine_cosine(column_angles(image.width)))
     done = 0
     guided: list[bool] = []
     with Progress("reading the chosen rows") as progress:
         for rows, pixels in image.read(np.unique(row)):
-            # A distribution over these rows alone, each as likely as the others: the second point names one.
+            # A CDF over these rows alone, each as likely as the others: the second point names one.
             mended = inspection.mended(pixels)
-            envmap = checks.made(EnvironmentMap, radiance=mended, peak=inspection.peak, replaced=None, notes=())
-            band = memory.upload(device, envmap.radiance)
-            built = build_row_cdfs(device, band, scale)
-            distribution = Distribution(
-                device=device,
-                envmap=envmap,
-                radiance=band,
-                row_cdf=built[0],
-                marginal_cdf=memory.upload(device, np.arange(1, len(rows) + 1, dtype=np.uint32)),
-                theta=memory.upload(device, theta[rows]),
-                phi=phi,
-                scale=scale,
-                total=total,
-            )
+            band = _band(device, image, rows, mended, inspection.peak, scale)
+            even = memory.upload(device, np.arange(1, len(rows) + 1, dtype=np.uint32))
+            cdf = MapCDF(device, build_row_cdfs(band).cdf, even, total)
             first, end = np.searchsorted(sorted_row, [rows[0], rows[-1] + 1])
             index = order[first:end]
             place = np.searchsorted(rows, sorted_row[first:end])
-            points = np.stack([across[index] * 2.0**-32, (place + 0.5) / len(rows)], axis=1)
-            samples = distribution.sample_at(points)
-            guided.append(is_guided(len(points), envmap))
-            direction[index] = samples.direction
-            radiance[index] = samples.radiance
-            probability[index] = samples.probability
-            pixel[index] = np.stack([samples.pixel[:, 0], rows[samples.pixel[:, 1]]], axis=1)
+            points = given_points(device, np.stack([across[index] * 2.0**-32, (place + 0.5) / len(rows)], axis=1))
+            samples = drawn(band, cdf, points)
+            samples["pixel"][:, 1] = rows[samples["pixel"][:, 1]]
+            guided.append(is_guided(points.count, band))
+            for name, values in samples.items():
+                result[name][index] = values
             done += len(index)
             progress.update(done / count)
     # Each band has decided for itself.
@@ -183,4 +164,4 @@ def _draw(
         device.decisions.use("guide tables", many)
     else:
         device.decisions.skip("guide tables", "no band of rows has enough samples to pay for them")
-    return direction, radiance, probability, pixel
+    return result

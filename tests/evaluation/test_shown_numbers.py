@@ -414,10 +414,11 @@ def test_limits_are_work_over_the_time_of_its_kernels(device: Device, monkeypatc
     def kernel(self: Device, name: str, **defines: int) -> object:
         run = real(self, name, **defines)
 
-        def launch(queue: object, size: tuple[int, ...], *arguments: object) -> object:
-            run(queue, size, *arguments).wait()
+        def launch(queue: object, size: tuple[int, ...], local: object, /, **arguments: object) -> object:
+            run(queue, size, local, **arguments).wait()
             launched.append(size[0])
-            return SimpleNamespace(wait=lambda: None, profile=SimpleNamespace(start=1_000_000, end=5_000_000))
+            times = SimpleNamespace(start=1_000_000, end=5_000_000)
+            return SimpleNamespace(wait=lambda: None, command_execution_status=0, profile=times)
 
         return launch
 

@@ -48,7 +48,7 @@ def test_dim_pixels_keep_their_digits_under_a_huge_one_at_the_pole(device: Devic
     radiance[0, 0] = 2.0**127
     distribution = build_distribution(device, EnvironmentMap(radiance))
     even = memory.upload(device, np.arange(1, 8193, dtype=np.uint32))
-    equator = replace(distribution, marginal_cdf=even).sample_at(np.array([[0.5, 0.5]]))
+    equator = replace(distribution, cdf=replace(distribution.cdf, marginal=even)).sample_at(np.array([[0.5, 0.5]]))
     assert equator.pixel[0, 1] == 4096
     expected = reference.probability(radiance)[4096, 1]
     assert expected > np.finfo(np.float32).tiny
@@ -225,19 +225,19 @@ def test_a_wrong_flux_fails(device: Device, stiff: EnvironmentMap) -> None:
 @pytest.mark.parametrize(("change", "missed"), [(0, []), (-(2**21), ["cdf", "drawn"]), (2**15, ["drawn"])])
 def test_a_damaged_cdf_of_a_row_fails(device: Device, stiff: EnvironmentMap, change: int, missed: list[str]) -> None:
     distribution = build_distribution(device, stiff)
-    cdf = memory.download(device, distribution.row_cdf).astype(np.int64)
+    cdf = memory.download(device, distribution.cdf.rows).astype(np.int64)
     lit = np.flatnonzero(stiff.radiance[4].any(axis=1))
     cdf[4, lit[3]] += change
-    damaged = replace(distribution, row_cdf=memory.upload(device, cdf.astype(np.uint32)))
+    damaged = replace(distribution, cdf=replace(distribution.cdf, rows=memory.upload(device, cdf.astype(np.uint32))))
     figures = stability.cdf_figures(damaged, Truth(stiff.radiance))
     assert Result("broken", "", "", figures).failures == missed
 
 
 def test_a_step_of_a_black_row_fails(device: Device, stiff: EnvironmentMap) -> None:
     distribution = build_distribution(device, stiff)
-    cdf = memory.download(device, distribution.marginal_cdf).copy()
+    cdf = memory.download(device, distribution.cdf.marginal).copy()
     cdf[1:] += np.uint32(1)  # row 1 is black
-    damaged = replace(distribution, marginal_cdf=memory.upload(device, cdf))
+    damaged = replace(distribution, cdf=replace(distribution.cdf, marginal=memory.upload(device, cdf)))
     assert Result("broken", "", "", stability.cdf_figures(damaged, Truth(stiff.radiance))).failures == ["cdf"]
 
 

@@ -9,7 +9,9 @@ from lightdome import reference
 from lightdome.disc import disc_mask, disc_tiles
 from lightdome.errors import LightdomeError
 from lightdome.lighting.exact import PIXELS, exact
+from lightdome.lighting.harmonics import project
 from lightdome.lighting.horizon import horizon_tables
+from lightdome.lighting.lights import Lights
 from lightdome.lighting.shade import SAMPLES_A_ROW, shade, shade_samples
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.opencl.device import Device
@@ -73,6 +75,31 @@ def test_grey_lights_give_the_same_image_from_one_channel(
         omitted.append(not {d.what: d.used for d in device.decisions.take()}["separate channels"])
     assert omitted == [True, False]
     np.testing.assert_array_equal(images[0] * tint, images[1])
+
+
+def test_lights_are_their_directions_and_fluxes(device: Device, stiff: EnvironmentMap) -> None:
+    samples = build_distribution(device, stiff).sample(17)
+    expected = shade(device, samples.direction, samples.flux, 20)
+    for lights in (samples, Lights.of(samples)):
+        np.testing.assert_array_equal(shade(device, lights, resolution=20), expected)
+    for wrong in (samples.direction, None):
+        with pytest.raises(LightdomeError, match="expected lights, or directions and fluxes"):
+            shade(device, wrong)
+    with pytest.raises(LightdomeError, match="direction"):
+        shade(device, samples, samples.flux)
+
+
+@pytest.mark.parametrize("pixels", ["centres", "areas"])
+def test_a_map_that_is_on_the_device_gives_the_same_images(
+    device: Device, gpu_shaped: Device, stiff: EnvironmentMap, pixels: str
+) -> None:
+    for each in (device, gpu_shaped):
+        of_map = build_distribution(each, stiff).map
+        np.testing.assert_array_equal(exact(each, of_map, 9, pixels=pixels), exact(each, stiff, 9, pixels=pixels))
+        coefficients = project(each, of_map, 3).coefficients
+        np.testing.assert_array_equal(coefficients, project(each, stiff, 3).coefficients)
+    elsewhere = build_distribution(gpu_shaped, stiff).map
+    np.testing.assert_array_equal(exact(device, elsewhere, 9), exact(device, stiff, 9))
 
 
 def test_the_exact_image_meets_the_float64_sum(device: Device) -> None:

@@ -92,7 +92,7 @@ def test_the_same_seed_gives_the_same_samples_to_the_last_bit(devices: list[Devi
 def test_cdfs_and_median_cuts_are_the_same_to_the_last_bit(devices: list[Device]) -> None:
     for device in devices:
         distribution = build_distribution(device, EnvironmentMap(MAPS["stiff"]))
-        cdfs = [memory.download(device, a) for a in (distribution.row_cdf, distribution.marginal_cdf)]
+        cdfs = [memory.download(device, a) for a in (distribution.cdf.rows, distribution.cdf.marginal)]
         assert (digest(*cdfs), digest(regions(distribution, 100))) == RECORDED_CDFS, device.description
 
 
@@ -117,10 +117,9 @@ def test_nothing_depends_on_what_memory_held_before(devices: list[Device], monke
                 device: Device,
                 shape: int | tuple[int, ...],
                 dtype: type,
-                out: np.ndarray | None = None,
                 byte: int = byte,
             ) -> DeviceArray:
-                array = empty(device, shape, dtype, out)
+                array = empty(device, shape, dtype)
                 size = math.prod(array.shape) * array.dtype.itemsize
                 cl.enqueue_fill_buffer(device.queue, array.buffer, np.uint8(byte), 0, size)
                 return array
@@ -139,11 +138,9 @@ def test_no_kernel_waits_for_a_compiler_at_another_size(
     fetch = Device.kernel
 
     def checked(device: Device, name: str, **defines: int) -> Callable[..., cl.Event]:
-        def launch(
-            queue: cl.CommandQueue, size: tuple[int, ...], local: object, *args: object, **more: object
-        ) -> cl.Event:
+        def launch(queue: cl.CommandQueue, size: tuple[int, ...], local: object, /, **arguments: object) -> cl.Event:
             assert local is not None, name
-            return fetch(device, name, **defines)(queue, size, local, *args, **more)
+            return fetch(device, name, **defines)(queue, size, local, **arguments)
 
         return launch
 

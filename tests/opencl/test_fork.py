@@ -42,7 +42,8 @@ distribution = lightdome.build_distribution(device, envmap)
 array = memory.zeros(device, 4, np.float32)
 images = render(distribution, [1, 2], 8)
 next(images)
-kernel = device.kernel("sampling/row_cdf", PLAIN=1)
+kernel = device.kernel("limits/launch")
+device.launch("limits/launch", (1,))
 """
 SECONDS = 60  # a fork that waits waits for ever
 
@@ -65,6 +66,7 @@ def test_a_device_in_a_fork_is_one_line_that_says_spawn() -> None:
         "lambda: memory.download(device, array)",
         "lambda: device.kernel('lighting/exact', PIXELS=1)",
         "lambda: kernel(device.queue, (1,), (1,))",
+        "lambda: device.launch('limits/launch', (1,))",
     ]
     program = OPENED + "".join(f"print(in_a_fork({way}))\n" for way in ways)
     program += "context = multiprocessing.get_context('fork')\n"

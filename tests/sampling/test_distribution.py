@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
-import pyopencl as cl
 import pytest
 from helpers import stiff_radiance
 from lightdome import reference
@@ -14,10 +14,11 @@ from lightdome.evaluation.stability import chi_square_z
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.opencl import memory
 from lightdome.opencl.device import Device
-from lightdome.opencl.profile import Profile
-from lightdome.sampling import distribution as distribution_module
+from lightdome.sampling import draw as draw_module
 from lightdome.sampling import guide as guide_module
-from lightdome.sampling.distribution import build_distribution, build_row_cdfs
+from lightdome.sampling.cdf import build_row_cdfs
+from lightdome.sampling.device_map import DeviceMap
+from lightdome.sampling.distribution import build_distribution
 from lightdome.sampling.samples import SEQUENCES, Samples
 
 SHAPES = [(1, 1), (1, 40), (40, 1), (2, 2), (15, 31), (16, 32), (17, 33), (64, 100)]
@@ -55,7 +56,7 @@ def test_direction_radiance_and_pixel_agree(device: Device, stiff: EnvironmentMa
 def test_cdfs_are_monotone_and_steps_are_the_weights(device: Device, shape: tuple[int, int]) -> None:
     radiance = stiff_radiance(*shape)
     distribution = build_distribution(device, EnvironmentMap(radiance))
-    cdf = memory.download(device, distribution.row_cdf).astype(np.int64)
+    cdf = memory.download(device, distribution.cdf.rows).astype(np.int64)
     steps = np.diff(cdf, prepend=0, axis=1)
     weight = reference.luminance(radiance)
     assert (steps >= 0).all()
@@ -72,8 +73,9 @@ def test_a_row_cdf_is_the_exact_sum_of_rounded_weights(device: Device, width: in
     radiance = stiff_radiance(8, width)
     radiance[0] *= np.float32(2.0**100)
     radiance[2] *= np.float32(2.0**-105)  # 2^k is above the largest float32
-    arrays = build_row_cdfs(device, memory.upload(device, radiance), scale, offset)
-    cdf, row_sum = (memory.download(device, array) for array in arrays)
+    of_map = replace(DeviceMap.of(device, EnvironmentMap(radiance)), scale=scale)
+    built = build_row_cdfs(of_map, offset)
+    cdf, row_sum = memory.download(device, built.cdf), memory.download(device, built.sums)
 
     r, g, b = np.moveaxis(radiance * np.float32(scale), 2, 0)
     weight = np.maximum(r + g + b - np.float32(offset), 0)
@@ -188,7 +190,7 @@ def test_guided_searches_end_where_plain_ones_do(
     device: Device, shape: tuple[int, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     distribution = build_distribution(device, EnvironmentMap(stiff_radiance(*shape) + np.float32(1e-30)))
-    cdf = memory.download(device, distribution.row_cdf).astype(np.float64)
+    cdf = memory.download(device, distribution.cdf.rows).astype(np.float64)
     edges = (cdf[shape[0] // 2] / cdf[shape[0] // 2, -1])[:-1]
     ends = np.concatenate([edges, edges - 2.0**-32, edges + 2.0**-32, [0, 1 - 2.0**-32]]).clip(0, 1 - 2.0**-32)
     points = np.random.default_rng(0).random((5000, 2))
@@ -196,7 +198,7 @@ def test_guided_searches_end_where_plain_ones_do(
     points[: len(ends), 1] = (shape[0] // 2 + 0.5) / shape[0]
     found = []
     for guided_from in (0, np.inf):
-        monkeypatch.setattr(distribution_module, "SAMPLES_A_PIXEL", guided_from)
+        monkeypatch.setattr(draw_module, "SAMPLES_A_PIXEL", guided_from)
         samples = distribution.sample_at(points)
         found.append((samples.pixel, samples.probability, samples.direction, samples.radiance))
     for guided, plain in zip(*found, strict=True):
@@ -210,7 +212,7 @@ def test_a_point_on_a_step_within_a_bucket_finds_the_next_pixel(
     radiance[0, ::2] = 3  # steps at whole 128ths, every other one in the middle of a guide's bucket
     edges = np.cumsum(radiance[0, :, 0], dtype=np.float64)[:-1] / 128
     points = np.stack([np.concatenate([edges, edges - 2.0**-32]), np.zeros(126)], axis=1)
-    monkeypatch.setattr(distribution_module, "SAMPLES_A_PIXEL", 0)
+    monkeypatch.setattr(draw_module, "SAMPLES_A_PIXEL", 0)
     x = build_distribution(device, EnvironmentMap(radiance)).sample_at(points).pixel[:, 0]
     np.testing.assert_array_equal(x, np.concatenate([np.arange(1, 64), np.arange(63)]))
 
@@ -219,7 +221,7 @@ def test_a_point_on_a_step_within_a_bucket_finds_the_next_pixel(
 def test_pixels_alone_are_those_of_samples(
     device: Device, stiff: EnvironmentMap, guided_from: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(distribution_module, "SAMPLES_A_PIXEL", guided_from)
+    monkeypatch.setattr(draw_module, "SAMPLES_A_PIXEL", guided_from)
     distribution = build_distribution(device, stiff)
     for sequence in SEQUENCES:
         samples = distribution.sample(777, 5, sequence)
@@ -228,33 +230,19 @@ def test_pixels_alone_are_those_of_samples(
         np.testing.assert_array_equal(probability, samples.probability)
 
 
-def test_pixels_are_written_over_those_of_an_earlier_call(device: Device, stiff: EnvironmentMap) -> None:
-    distribution = build_distribution(device, stiff)
-    earlier = distribution.sample_pixels(100, seed=1)
-    again = distribution.sample_pixels(100, seed=2, out=earlier)
-    np.testing.assert_array_equal(again[0], distribution.sample(100, seed=2).pixel)
-    np.testing.assert_array_equal(again[1], distribution.sample(100, seed=2).probability)
-    if device.shares_host_memory:
-        assert all(a is b or a.ctypes.data == b.ctypes.data for a, b in zip(again, earlier, strict=True))
-    pixel, probability = earlier
-    for wrong in ((pixel[:50], probability), (pixel.astype(np.int64), probability), (pixel[::-1], probability)):
-        with pytest.raises(LightdomeError, match=r"out must be (the two arrays that|what) an earlier call returned"):
-            distribution.sample_pixels(100, out=wrong)
-
-
 def test_large_maps_have_fewer_buckets(device: Device, stiff: EnvironmentMap, monkeypatch: pytest.MonkeyPatch) -> None:
     plain = build_distribution(device, stiff).sample(100_000)
     monkeypatch.setattr(guide_module, "MAX_BUCKETS", 300)
     distribution = build_distribution(device, stiff)
     np.testing.assert_array_equal(distribution.sample(100_000).pixel, plain.pixel)
-    assert distribution.guide.rows.shape[1] <= 2 * 300 / stiff.height
+    assert distribution.cdf.guide.rows.shape[1] <= 2 * 300 / stiff.height
 
 
 def test_maps_wider_than_16_bits_are_guided_too(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     envmap = EnvironmentMap(stiff_radiance(3, 70000))
     found = []
     for guided_from in (0, np.inf):
-        monkeypatch.setattr(distribution_module, "SAMPLES_A_PIXEL", guided_from)
+        monkeypatch.setattr(draw_module, "SAMPLES_A_PIXEL", guided_from)
         found.append(build_distribution(device, envmap).sample(10_000).pixel)
     np.testing.assert_array_equal(*found)
 
@@ -271,16 +259,6 @@ def test_mistakes_are_told(device: Device, stiff: EnvironmentMap) -> None:
         distribution.sample_at(np.array([[0.5, 1.0]]))
     with pytest.raises(LightdomeError, match="black"):
         build_distribution(device, EnvironmentMap(np.zeros((4, 8, 3)))).sample(1)
-
-
-def test_no_kernel_writes_a_guide_that_may_be_gone(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    events = []
-    monkeypatch.setattr(Profile, "record", lambda self, stage, event: events.append(event) or event)
-    distribution = build_distribution(device, EnvironmentMap(stiff_radiance(512, 1024)))
-    events.clear()
-    assert distribution.guide
-    assert len(events) == 2
-    assert all(event.command_execution_status == cl.command_execution_status.COMPLETE for event in events)
 
 
 @pytest.mark.parametrize("peak", [2.0**-100, 1.0, 3e38])

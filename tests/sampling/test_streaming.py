@@ -160,7 +160,7 @@ def test_a_map_at_an_end_of_the_range_is_scaled_as_in_memory(device: Device, tmp
     path = tmp_path / "map.pfm"
     write_image(path, stiff_radiance(21, 43) * np.float32(2.0**exponent))
     distribution = build_distribution(device, EnvironmentMap.read(path))
-    assert distribution.scale != 1
+    assert distribution.map.scale != 1
     assert_same(sample_file(device, ImageRows(path, 3), [500])[0], distribution.sample(500))
 
 

@@ -27,6 +27,7 @@ import pyopencl as cl
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from helpers import ROOT, stiff_radiance
+from lightdome import progress
 from lightdome.evaluation import roofline
 from lightdome.lighting.exact import PIXELS, exact
 from lightdome.lighting.harmonics import Harmonics, project, shade_harmonics
@@ -37,11 +38,11 @@ from lightdome.maps.images import ImageRows, write_image
 from lightdome.opencl import memory
 from lightdome.opencl.device import Device
 from lightdome.opencl.memory import DeviceArray
-from lightdome.opencl.programs import Programs
+from lightdome.opencl.programs import Kernel, Programs
 from lightdome.opencl.rates import Rates
 from lightdome.rendering.per_pixel import ESTIMATORS, render
 from lightdome.rendering.per_pixel import SEQUENCES as RENDER_SEQUENCES
-from lightdome.sampling import distribution as distribution_module
+from lightdome.sampling import draw as draw_module
 from lightdome.sampling.distribution import Distribution, build_distribution
 from lightdome.sampling.samples import SEQUENCES
 from lightdome.sampling.streaming import sample_file
@@ -77,7 +78,7 @@ class Simulator(Device):
     def is_gpu(self) -> bool:
         return self.as_gpu
 
-    def kernel(self, name: str, **defines: int) -> cl.Kernel:
+    def kernel(self, name: str, **defines: int) -> Kernel:
         self.ran.add(name)
         return super().kernel(name, **defines)
 
@@ -85,6 +86,7 @@ class Simulator(Device):
 def main() -> None:
     """Start this program under Oclgrind: with the broken kernel, with all, with those it finds no false faults in."""
     if len(sys.argv) > 1:
+        progress.LINE_PATIENCE = np.inf  # what goes to stderr is a finding
         {"broken": run_broken, "all": run_all, "clean": run_clean}[sys.argv[1]]()
         return
     found = findings("broken", "--data-races", "--uninitialized")
@@ -121,6 +123,17 @@ def zeros(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceAr
     return array
 
 
+def keep_memory() -> None:
+    """Free no buffer: Oclgrind has false findings in memory that was used before."""
+    make, kept = memory._buffer, []
+
+    def buffer(*arguments: object) -> cl.Buffer:
+        kept.append(make(*arguments))
+        return kept[-1]
+
+    memory._buffer = buffer
+
+
 def run_broken() -> None:
     device = simulator(as_gpu=True)
     kernel = cl.Program(device.context, BROKEN).build().broken
@@ -155,6 +168,7 @@ def run_all() -> None:
 
 
 def run_clean() -> None:
+    keep_memory()
     for distribution in list(distributions(shapes=(True,))):  # all CDFs first, in memory that is new
         draw(distribution)
         for resolution in RESOLUTIONS:
@@ -176,7 +190,7 @@ def distributions(shapes: tuple[bool, ...] = (False, True)) -> Iterator[Distribu
 
 def draw(distribution: Distribution) -> None:
     for guided_from in (0, np.inf):
-        distribution_module.SAMPLES_A_PIXEL = guided_from
+        draw_module.SAMPLES_A_PIXEL = guided_from
         for sequence in SEQUENCES:
             distribution.sample(19, 1, sequence)
         distribution.sample_at(np.array([(0, 0), (1 - 2.0**-32, 1 - 2.0**-32), (0.5, 0.25)]))
@@ -184,7 +198,7 @@ def draw(distribution: Distribution) -> None:
 
 def draw_pixels(distribution: Distribution) -> None:
     for guided_from in (0, np.inf):
-        distribution_module.SAMPLES_A_PIXEL = guided_from
+        draw_module.SAMPLES_A_PIXEL = guided_from
         for sequence in SEQUENCES:
             distribution.sample_pixels(19, 1, sequence)
 

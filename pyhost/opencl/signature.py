@@ -1,0 +1,139 @@
+"""What a kernel takes, read from its own text, and arguments cast to that.
+
+A kernel's arguments are named: one that is missing, superfluous or of another type is a defect of the caller, and a
+``TypeError`` that names the kernel and the argument. Without that, OpenCL takes any buffer for any other.
+"""
+
+from __future__ import annotations
+
+import operator
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import SupportsFloat, SupportsIndex
+
+import numpy as np
+import pyopencl as cl
+
+from .memory import DeviceArray
+
+Argument = DeviceArray | SupportsFloat | SupportsIndex | Sequence[float] | np.ndarray
+
+_SIZES = {"char": 1, "short": 2, "int": 4, "long": 8}  # bytes
+_INTEGERS = {
+    f"{sign}{name}": np.dtype(f"{sign}int{8 * size}").type for name, size in _SIZES.items() for sign in ("", "u")
+}
+_TYPES = {"float": np.float32, "double": np.float64, **_INTEGERS}
+_LIMITS = {np.dtype(kind): (int(np.iinfo(kind).min), int(np.iinfo(kind).max)) for kind in _INTEGERS.values()}
+_TYPE = re.compile(r"([a-z]+?)(2|3|4|8|16)?")
+_QUALIFIERS = {"const", "restrict", "volatile", "global", "constant", "__global", "__constant"}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a kernel; ``dtype`` is that of its elements, or None for a type that the kernel defines."""
+
+    name: str
+    type: str
+    is_pointer: bool
+    dtype: np.dtype | None
+    lanes: int
+
+    def cast(self, value: Argument) -> cl.Buffer | np.generic | np.ndarray:
+        """What pyopencl takes for ``value``. Raises ``TypeError`` for a value that this parameter cannot be."""
+        if self.is_pointer:
+            if not isinstance(value, DeviceArray):
+                raise TypeError(f"must be an array on the device, got {type(value).__name__}")
+            if self.dtype is not None and self.dtype != value.dtype:
+                raise TypeError(f"must hold {self.dtype}, got {value.dtype}")
+            return value.buffer
+        return self._vector(value) if self.lanes > 1 else self._scalar(value)
+
+    def _scalar(self, value: Argument) -> np.generic:
+        assert self.dtype is not None
+        if self.dtype.kind == "f":
+            return self.dtype.type(float(value))  # type: ignore[arg-type]
+        number = operator.index(value)  # type: ignore[arg-type]
+        least, most = _LIMITS[self.dtype]
+        if not least <= number <= most:
+            raise TypeError(f"must be {self.type}, got {number}")
+        return self.dtype.type(number)
+
+    def _vector(self, value: Argument) -> np.ndarray:
+        numbers = list(value)  # type: ignore[arg-type]
+        if len(numbers) != self.lanes:
+            raise TypeError(f"must be {self.type}, got {len(numbers)} numbers")
+        return np.array([self._scalar(number) for number in numbers], self.dtype)
+
+
+@dataclass(frozen=True)
+class Signature:
+    """A kernel's name and parameters, in order."""
+
+    kernel: str
+    parameters: tuple[Parameter, ...]
+
+    def bind(self, arguments: Mapping[str, Argument]) -> list[cl.Buffer | np.generic | np.ndarray]:
+        """``arguments`` in order, each as its parameter's type. Raises ``TypeError`` where they do not fit."""
+        bound = []
+        for parameter in self.parameters:
+            try:
+                bound.append(parameter.cast(arguments[parameter.name]))
+            except KeyError:
+                raise TypeError(f"the kernel {self.kernel} lacks the argument {parameter.name!r}") from None
+            except (TypeError, ValueError) as error:
+                raise TypeError(f"the kernel {self.kernel}: the argument {parameter.name!r} {error}") from error
+        if len(arguments) > len(bound):
+            known = {parameter.name for parameter in self.parameters}
+            unknown = next(name for name in arguments if name not in known)
+            raise TypeError(f"the kernel {self.kernel} takes no argument {unknown!r}")
+        return bound
+
+
+def signature(name: str, text: str, defines: Iterable[str]) -> Signature:
+    """The signature of the kernel ``name``, as ``sampling/row_cdf``, in the ``text`` that is built with ``defines``.
+
+    Raises ``ValueError`` where the text has no such kernel, or one that is not understood.
+    """
+    found = re.search(rf"\bkernel\s+void\s+{name.rpartition('/')[2]}\s*\(([^)]*)\)", text)
+    if not found:
+        raise ValueError(f"clkernels/{name}.cl has no kernel of its name")
+    declarations = re.sub(r"//[^\n]*", "", _preprocessed(found[1], set(defines))).split(",")
+    if len(declarations) == 1 and declarations[0].strip() in ("", "void"):
+        return Signature(name, ())
+    return Signature(name, tuple(map(_parameter, declarations)))
+
+
+def _preprocessed(text: str, defines: set[str]) -> str:
+    """The lines of ``text`` that remain of its ``#ifdef``, ``#ifndef``, ``#else`` and ``#endif``."""
+    is_defined: dict[str, Callable[[str], bool]] = {
+        "#ifdef": defines.__contains__,
+        "#ifndef": lambda define: define not in defines,
+    }
+    lines, taken = [], []
+    for line in text.splitlines():
+        directive, *rest = line.split() if line.startswith("#") else [""]
+        if directive in is_defined:
+            taken.append(is_defined[directive](rest[0]))
+        elif directive == "#else":
+            taken[-1] = not taken[-1]
+        elif directive == "#endif":
+            taken.pop()
+        elif directive:
+            raise ValueError(f"{directive} in a kernel's parameters is not understood")
+        elif all(taken):
+            lines.append(line)
+    return "\n".join(lines)
+
+
+def _parameter(declaration: str) -> Parameter:
+    words = [word for word in re.findall(r"\w+", declaration) if word not in _QUALIFIERS]
+    if len(words) != 2:
+        raise ValueError(f"the parameter {declaration.strip()!r} is not understood")
+    kind, name = words
+    parts, is_pointer = _TYPE.fullmatch(kind), "*" in declaration
+    is_known = parts is not None and parts[1] in _TYPES
+    if not (is_known or is_pointer):
+        raise ValueError(f"the parameter {declaration.strip()!r} is of an unknown type")
+    dtype, lanes = (np.dtype(_TYPES[parts[1]]), int(parts[2] or 1)) if is_known and parts else (None, 1)
+    return Parameter(name, kind, is_pointer, dtype, lanes)

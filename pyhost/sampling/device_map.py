@@ -1,0 +1,110 @@
+"""A map on a device, made once for all that reads it there."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .. import checks
+from ..maps.envmap import EnvironmentMap
+from ..maps.geometry import column_angles, row_angles, sine_cosine, solid_angles
+from ..opencl import memory
+from ..opencl.device import Device
+from ..opencl.memory import DeviceArray
+
+
+@dataclass(frozen=True)
+class DeviceMap:
+    """``envmap`` on ``device``; each array is made when it is first asked for. :meth:`of` makes one of a whole map.
+
+    - ``scale``: a power of two that keeps sums over the map inside float32's range
+    - ``row_angles``: polar angles of its rows, (H,) float64; a band of a larger map has those of its own rows
+    """
+
+    device: Device
+    envmap: EnvironmentMap
+    scale: float
+    row_angles: np.ndarray
+
+    @classmethod
+    def of(cls, device: Device, envmap: EnvironmentMap | DeviceMap) -> DeviceMap:
+        """The whole map on ``device``; what is there already stays as it is.
+
+        Raises :class:`LightdomeError` if one argument is of another type.
+        """
+        checks.instance("the device", device, Device)
+        if isinstance(envmap, DeviceMap) and envmap.device is device:
+            return envmap
+        if isinstance(envmap, DeviceMap):
+            envmap = envmap.envmap
+        checks.instance("the map", envmap, EnvironmentMap)
+        return cls(device, envmap, range_scale(envmap.peak), row_angles(envmap.height))
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+        return self.envmap.height
+
+    @property
+    def width(self) -> int:
+        """Columns."""
+        return self.envmap.width
+
+    @property
+    def is_grey(self) -> bool:
+        """Whether the three channels are the same everywhere."""
+        return self.envmap.is_grey
+
+    @cached_property
+    def radiance(self) -> DeviceArray:
+        """(H, W, 3) float32."""
+        return memory.upload(self.device, self.envmap.radiance)
+
+    @cached_property
+    def theta(self) -> DeviceArray:
+        """(sin, cos) of every row's polar angle, (H, 2) float32."""
+        return memory.upload(self.device, sine_cosine(self.row_angles))
+
+    @cached_property
+    def phi(self) -> DeviceArray:
+        """(sin, cos) of every column's azimuth, (W, 2) float32."""
+        return memory.upload(self.device, sine_cosine(column_angles(self.width)))
+
+    @cached_property
+    def sin_theta(self) -> DeviceArray:
+        """(H,) float32."""
+        return memory.upload(self.device, np.sin(self.row_angles).astype(np.float32))
+
+    @cached_property
+    def solid_angles(self) -> np.ndarray:
+        """Solid angle of one pixel of each row of a whole map, (H,) float64, on the host."""
+        return solid_angles(self.height, self.width)
+
+    @cached_property
+    def weight(self) -> DeviceArray:
+        """``scale`` (R + G + B) of every pixel, (H, W) float32."""
+        weight = memory.empty(self.device, (self.height, self.width), np.float32)
+        self.device.launch(
+            "sampling/map_weights",
+            (self.height,),
+            stage="weights",
+            radiance=self.radiance,
+            width=self.width,
+            scale=self.scale,
+            f=weight,
+        )
+        return weight
+
+
+def range_scale(peak: float) -> float:
+    """A power of two that brings a map's peak to where no sum over a map can leave float32's range.
+
+    Large peaks come down to 2^60 and no further: the scale would be subnormal itself, and dim pixels with it.
+    """
+    if peak == 0 or 2.0**-60 <= peak <= 2.0**60:
+        return 1.0
+    exponent = math.frexp(peak)[1]
+    return 2.0 ** (60 - exponent if peak > 1 else min(127, -exponent))

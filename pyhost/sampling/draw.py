@@ -1,0 +1,125 @@
+"""Draw samples from a map by a CDF of it, at the points of a sequence or at given ones. Kernel: ``sample.cl``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import checks
+from ..opencl import memory
+from ..opencl.device import Device
+from ..opencl.memory import DeviceArray
+from ..opencl.signature import Argument
+from .cdf import MapCDF
+from .device_map import DeviceMap
+from .samples import SEQUENCES
+
+MAX_COUNT = 2**31 - 1
+SAMPLES_A_LAUNCH = 2**22  # between two updates of the progress line
+SAMPLES_A_BLOCK = 256  # that a work-item of a CPU draws side by side
+SAMPLES_A_PIXEL = 1 / 8  # of the map, from which on a guide pays for itself
+BLACK = "the map is black everywhere, so there is no light to sample; use another map"
+
+# What is known of a sample: floats or integers, and how many.
+OUTPUTS: dict[str, tuple[tuple[int, ...], type]] = {
+    "direction": ((3,), np.float32),
+    "radiance": ((3,), np.float32),
+    "pixel": ((2,), np.int32),
+    "probability": ((), np.float32),
+}
+PIXELS = ("pixel", "probability")  # those that the kernel writes alone
+
+
+@dataclass(frozen=True)
+class Points:
+    """``count`` points in the unit square that samples are made from: what kernels are built with, and their argument.
+
+    :func:`sequence_points` and :func:`given_points` make them.
+    """
+
+    count: int
+    defines: Mapping[str, int]
+    arguments: Mapping[str, Argument]
+
+
+def sequence_points(count: int, seed: int, sequence: str) -> Points:
+    """The points of a ``sequence``. Raises :class:`LightdomeError` for a seed, sequence or count that there is not."""
+    key = philox_key(seed)
+    checks.choice("sequence", sequence, SEQUENCES)
+    count = checks.whole("the number of samples", count, 1, MAX_COUNT)
+    return Points(count, {f"SEQUENCE_{sequence.upper()}": 1}, {"seed": key})
+
+
+def given_points(device: Device, points: np.ndarray) -> Points:
+    """``points`` (N, 2) in [0, 1), to 32 bits."""
+    bits = np.floor(points * 2.0**32).astype(np.uint32)
+    return Points(len(bits), {"SEQUENCE_GIVEN": 1}, {"points": memory.upload(device, bits)})
+
+
+def philox_key(seed: int) -> np.ndarray:
+    """A seed of 64 bits as the two words of a Philox key (an OpenCL ``uint2``)."""
+    seed = checks.whole("a seed", seed, 0, 2**64 - 1)
+    return np.array([seed & 0xFFFFFFFF, seed >> 32], dtype=np.uint32)
+
+
+def is_guided(count: int, of_map: DeviceMap) -> bool:
+    """Whether ``count`` samples of a map are so many that guide tables pay for themselves."""
+    return count >= of_map.width * of_map.height * SAMPLES_A_PIXEL
+
+
+def room_for(device: Device, count: int, outputs: Iterable[str] = OUTPUTS) -> dict[str, DeviceArray]:
+    """Arrays for ``outputs`` of ``count`` samples."""
+    kinds = {name: OUTPUTS[name] for name in outputs}
+    return {name: memory.empty(device, (count, *shape), kind) for name, (shape, kind) in kinds.items()}
+
+
+def draw(of_map: DeviceMap, cdf: MapCDF, points: Points, outputs: Mapping[str, DeviceArray]) -> None:
+    """Draw a sample at each of ``points`` and write what ``outputs`` asks for: all of OUTPUTS, or PIXELS."""
+    device, count = of_map.device, points.count
+    defines, radiance = dict(points.defines), of_map.radiance
+    results = {"sample_radiance" if name == "radiance" else name: array for name, array in outputs.items()}
+    guided: Mapping[str, Argument] = {}
+    whole = "direction" in outputs
+    if not whole:
+        defines["PIXELS"] = 1
+    if is_guided(count, of_map):
+        many = f"{count} samples on {of_map.width} x {of_map.height} pixels are enough to pay for them"
+        device.decisions.use("guide tables", many)
+        defines["GUIDED"] = 1
+        guided = cdf.guide.arguments
+        if not whole:
+            radiance = of_map.weight
+    else:
+        few = f"{count} samples are drawn faster than the tables for the map would be built"
+        device.decisions.skip("guide tables", few)
+    block = 1 if device.is_gpu else SAMPLES_A_BLOCK
+    device.launch(
+        "sampling/sample",
+        (-(-count // block),),
+        stage="search",
+        defines={"BLOCK": block, **defines},
+        step=device.items_a_launch(SAMPLES_A_LAUNCH, block),
+        progress="sampling",
+        row_cdf=cdf.rows,
+        marginal_cdf=cdf.marginal,
+        radiance=radiance,
+        **guided,
+        theta=of_map.theta,
+        phi=of_map.phi,
+        width=of_map.width,
+        height=of_map.height,
+        scale=of_map.scale,
+        inverse_total=1 / cdf.total,
+        count=count,
+        **points.arguments,
+        **results,
+    )
+
+
+def drawn(of_map: DeviceMap, cdf: MapCDF, points: Points, outputs: Iterable[str] = OUTPUTS) -> dict[str, np.ndarray]:
+    """``outputs`` of the samples at ``points``, on the host."""
+    arrays = room_for(of_map.device, points.count, outputs)
+    draw(of_map, cdf, points, arrays)
+    return {name: memory.download(of_map.device, array) for name, array in arrays.items()}

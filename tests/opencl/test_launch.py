@@ -1,0 +1,181 @@
+"""Kernels take arguments that are named, checked and cast, and what they work on stays until they are done."""
+
+from __future__ import annotations
+
+import gc
+import re
+import weakref
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pyopencl as cl
+import pytest
+from helpers import ROOT
+from lightdome.opencl import memory
+from lightdome.opencl import profile as profile_module
+from lightdome.opencl.device import Device
+from lightdome.opencl.memory import DeviceArray
+from lightdome.opencl.profile import Profile
+from lightdome.opencl.programs import source
+from lightdome.opencl.signature import Parameter, Signature, signature
+
+TEXT = """
+kernel void other(const int a) {}
+
+kernel void some(global const uint2 *restrict table,  // not, this, comma
+#ifdef MANY
+                 const uint count,
+#else
+                 const float2 pair,
+#endif
+#ifndef PLAIN
+                 const ulong cap,
+#endif
+                 global arc *restrict arcs,
+                 const float scale)
+{
+}
+"""
+UINT = Parameter("n", "uint", False, np.dtype(np.uint32), 1)
+
+
+def names(defines: set[str]) -> list[str]:
+    return [parameter.name for parameter in signature("folder/some", TEXT, defines).parameters]
+
+
+def test_a_signature_is_that_of_the_kernel_and_its_defines() -> None:
+    assert names(set()) == ["table", "pair", "cap", "arcs", "scale"]
+    assert names({"MANY", "PLAIN"}) == ["table", "count", "arcs", "scale"]
+    table, pair, cap, arcs, scale = signature("folder/some", TEXT, ()).parameters
+    assert (table.is_pointer, table.dtype, table.lanes) == (True, np.uint32, 2)
+    assert (pair.is_pointer, pair.dtype, pair.lanes) == (False, np.float32, 2)
+    assert (cap.dtype, scale.dtype) == (np.uint64, np.float32)
+    assert (arcs.is_pointer, arcs.dtype) == (True, None)
+    assert signature("launch", "kernel void launch(void)\n{\n}", ()).parameters == ()
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "clkernels").glob("*/*.cl")), ids=lambda path: path.stem)
+def test_every_kernel_has_a_signature_that_is_understood(path: object) -> None:
+    name = str(path.relative_to(ROOT / "clkernels").with_suffix(""))
+    assert signature(name, source(f"{name}.cl"), ()).kernel == name
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "kernel void other(void)",
+        "kernel void some(half_open x)",
+        "kernel void some(uint)",
+        "kernel void some(\n#if A\n)",
+    ],
+)
+def test_a_signature_that_is_not_understood_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r"no kernel of its name|not understood|unknown type"):
+        signature("some", text, ())
+
+
+def test_scalars_and_vectors_are_cast_to_the_types_of_the_signature(device: Device) -> None:
+    _, pair, cap, _, scale = signature("some", TEXT, ()).parameters
+    assert UINT.cast(np.int64(7)) == 7
+    assert type(UINT.cast(7)) is np.uint32
+    assert type(cap.cast(2**64 - 1)) is np.uint64
+    assert type(scale.cast(1)) is np.float32
+    for value in ((1, 0.5), np.array([1, 0.5]), [np.float32(1), np.float32(0.5)]):
+        vector = pair.cast(value)
+        assert (vector.dtype, vector.tolist()) == (np.float32, [1, 0.5])
+
+
+LAUNCH: dict[str, Callable[[DeviceArray], object]] = {
+    "cdf": lambda table: table,
+    "n": lambda table: 4,
+    "shift": lambda table: 31,
+    "guide": lambda table: table,
+    "total": lambda table: table,
+}
+MISTAKES: dict[str, tuple[str, object]] = {
+    "lacks the argument 'cdf'": ("cdf", None),
+    "lacks the argument 'shift'": ("shift", None),
+    "takes no argument 'width'": ("width", 4),
+    "'n' must be uint, got -1": ("n", -1),
+    "'n' must be uint, got 4294967296": ("n", 2**32),
+    "'shift' 'float' object cannot be interpreted as an integer": ("shift", 1.0),
+    "'guide' must be an array on the device, got ndarray": ("guide", np.zeros(4, np.uint32)),
+    "'guide' must be an array on the device, got int": ("guide", 4),
+}
+
+
+@pytest.mark.parametrize("message", MISTAKES)
+def test_a_wrong_argument_is_a_defect_that_names_kernel_and_argument(device: Device, message: str) -> None:
+    table = memory.zeros(device, 4, np.uint32)
+    name, value = MISTAKES[message]
+    arguments = {key: of(table) for key, of in LAUNCH.items()} | {name: value}
+    if value is None:
+        del arguments[name]
+    with pytest.raises(TypeError, match=rf"sampling/guide.*{re.escape(message)}"):
+        device.launch("sampling/guide", (1,), **arguments)
+
+
+def test_an_array_of_another_type_is_refused(device: Device) -> None:
+    table, floats = memory.zeros(device, 4, np.uint32), memory.zeros(device, 4, np.float32)
+    with pytest.raises(TypeError, match="'cdf' must hold uint32, got float32"):
+        device.launch("sampling/guide", (1,), cdf=floats, n=4, shift=31, guide=table, total=table)
+
+
+def test_a_vector_of_another_length_is_refused() -> None:
+    pair = Signature("some", (Parameter("pair", "float2", False, np.dtype(np.float32), 2),))
+    with pytest.raises(TypeError, match="the kernel some: the argument 'pair' must be float2, got 3 numbers"):
+        pair.bind({"pair": (1, 2, 3)})
+    with pytest.raises(TypeError, match="the argument 'pair'"):
+        pair.bind({"pair": 1})
+
+
+@pytest.mark.parametrize("step", [None, 1, 3, 7, 100])
+def test_steps_cover_every_work_item_once(device: Device, step: int | None) -> None:
+    radiance = np.random.default_rng(3).random((7, 5, 3), np.float32)
+    weight = memory.zeros(device, (7, 5), np.float32)
+    device.launch(
+        "sampling/map_weights",
+        (7,),
+        step=step,
+        progress="weighing",
+        radiance=memory.upload(device, radiance),
+        width=5,
+        scale=1,
+        f=weight,
+    )
+    expected = radiance[..., 0] + radiance[..., 1] + radiance[..., 2]
+    np.testing.assert_array_equal(memory.download(device, weight), expected)
+
+
+def test_what_a_kernel_works_on_stays_until_it_is_done(device: Device) -> None:
+    gate = cl.UserEvent(device.context)
+    device.wait()
+    cl.enqueue_barrier(device.queue, wait_for=[gate])
+    try:
+        array = memory.empty(device, 16, np.float32)
+        radiance = memory.empty(device, 3, np.float32)
+        device.launch("sampling/map_weights", (1,), radiance=radiance, width=1, scale=1, f=array)
+        alive = weakref.ref(array)
+        del array
+        gc.collect()
+        assert alive() is not None
+    finally:
+        gate.set_status(cl.command_execution_status.COMPLETE)
+    device.wait()
+    gc.collect()
+    assert alive() is None
+
+
+def test_a_profile_keeps_no_event_for_ever(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(profile_module, "PENDING", 3)
+    fresh = replace(device, profile=Profile())
+    for _ in range(10):
+        fresh.launch("limits/launch", (1,))
+        assert len(fresh.profile._pending) <= 3
+    ten = fresh.profile.seconds()["launch"]
+    assert not fresh.profile._pending
+    assert ten > 0
+    fresh.launch("limits/launch", (1,), stage="another")
+    assert fresh.profile.seconds().keys() == {"launch", "another"}
+    assert fresh.profile.seconds()["launch"] == ten
