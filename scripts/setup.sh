@@ -13,7 +13,7 @@
 #             its wheel (58 MB, needs no root); if that does not work or is slow here, PoCL from
 #             apt-get; and if still nothing works, Intel's runtime from PyPI (280 MB, proprietary).
 #
-# PYTHON may name the interpreter that .venv is to be made with.
+# PYTHON may name the interpreter that .venv is to be made with; one that is there and works stays.
 
 root=$(CDPATH='' cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
 venv=$root/.venv

@@ -5,8 +5,8 @@ boundary, :func:`schlick_figure` the approximation beside the exact curve and th
 writes a figure as PNG and SVG. Lines differ in colour (Okabe and Ito's palette, safe for colour-blind
 readers), in style and in width, so that they also differ in grey.
 
-Labels stand where no curve runs whatever the indices: in margins below and above the curves, and beside the critical
-angle, on the side that has more room.
+Labels stand in margins below and above the curves, and beside the critical angle on the side that has more room: no
+curve runs there for indices from 1.05 to 4.
 No pyplot: figures are plain objects, no window opens, and no state is left behind.
 """
 
@@ -215,17 +215,17 @@ def schlick_figure(n_i: float, n_t: float, from_name: str = "side i", to_name: s
         _label_normal_incidence(above, "$R_0$", r0)
         _label_critical_angle(above, critical)
 
-        def label(what: str, theta: float, absolute: float, difference: float) -> None:
-            y = highest + margin / 2 if difference > 0 else lowest - margin / 2
-            text = f"{what} {_g(absolute, 4)} at {_degrees(theta, 4)}"
-            _label_beside(below, text, (np.degrees(theta), difference), y)
-
-        label("largest absolute error", worst.theta, worst.absolute, worst.schlick - worst.exact)
+        # Above the curves, or one above and one below.
+        high, low = highest + margin / 2, lowest - margin / 2
+        text = f"largest absolute error {_g(worst.absolute, 4)} at {_degrees(worst.theta, 4)}"
+        at = (np.degrees(worst.theta), worst.schlick - worst.exact)
+        _label_beside(below, text, at, high if critical is None else low)
         if critical is not None:
             # The same rays the other way: same reflectance, same angle in Schlick's formula, same error.
             other = schlick_error(n_t, n_i)
-            at = float(refraction_angle(other.theta, n_t, n_i))
-            label("with transmitted angle", at, other.absolute, other.schlick - other.exact)
+            angle = float(refraction_angle(other.theta, n_t, n_i))
+            text = f"with transmitted angle {_g(other.absolute, 4)} at {_degrees(angle, 4)}"
+            _label_beside(below, text, (np.degrees(angle), other.schlick - other.exact), high)
         for ax in (above, below):
             _shade_total_reflection(ax, critical)
         return figure

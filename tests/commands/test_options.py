@@ -331,7 +331,7 @@ def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
         assert ran.out.is_dir()
     elif script == "stability":
         ran = run_stability(world, patch).ran
-        assert ran.names() == {f"stability.{kind}" for kind in ("csv", "json", "md", "png")}
+        assert ran.names() == {f"stability.{kind}" for kind in ("csv", "json", "png")}
     elif script == "bench":
         fake_measurements(patch)
         ran = world.run(script, *QUICK_BENCH, "--map", world.folder / "map.pfm")
