@@ -78,7 +78,7 @@ static inline void light_samples(const Light *light, private const block3 *n, pr
     pick_pixels(map, across, down, BLOCK, x, y);
     uint total[BLOCK], below[BLOCK], above[BLOCK];
     float place[BLOCK], cos_theta[BLOCK], turn[BLOCK];
-    GATHER
+    SCALAR_LOADS
     for (uint k = 0; k < BLOCK; ++k) {
         global const uint *at = map->marginal_cdf + y[k];
         total[k] = map->marginal_cdf[map->height - 1];
@@ -86,10 +86,10 @@ static inline void light_samples(const Light *light, private const block3 *n, pr
         above[k] = at[0];
     }
     places(down, total, below, above, place);
-    GATHER
+    SCALAR_LOADS
     for (uint k = 0; k < BLOCK; ++k)
         cos_theta[k] = mix(light->edge[y[k]], light->edge[y[k] + 1], place[k]);
-    GATHER
+    SCALAR_LOADS
     for (uint k = 0; k < BLOCK; ++k) {
         global const uint *at = map->row_cdf + (size_t)y[k] * map->width + x[k];
         total[k] = map->row_total[y[k]];
@@ -110,7 +110,7 @@ static inline void light_samples(const Light *light, private const block3 *n, pr
         sine_cosine_of_turns(LOAD_WIDE(turn + k) * turns_a_column, &sin_phi, &cos_phi);
         const wide cosine = sin_theta * (LOAD_WIDE(n->x + k) * cos_phi + LOAD_WIDE(n->z + k) * sin_phi)
                           + LOAD_WIDE(n->y + k) * cos_theta_k;
-        const wide S = LOAD_WIDE(&RED(L, k)) + LOAD_WIDE(&GREEN(L, k)) + LOAD_WIDE(&BLUE(L, k));
+        const wide S = radiance_sum(&L, k);
         const wide q = fmax(S - light->offset, (wide)(0.0f)) * light->k;
         const wide sum_of_ratios = q / cosine + cosine / q;
         STORE_WIDE(cosine > 0.0f && q > 0.0f ? light->k / sum_of_ratios : (wide)(0.0f), weight + k);
@@ -131,7 +131,7 @@ static inline void bsdf_samples(const Light *light, private const block3 *n, pri
     uint x[BLOCK], y[BLOCK];
     float cosine[BLOCK];
     for (uint k = 0; k < BLOCK; k += WIDTH) {
-        const wide r2 = WIDE_FLOAT(LOAD_WIDE(u + k)) * FRACTION;
+        const wide r2 = wide_from_uint(LOAD_WIDE(u + k)) * FRACTION;
         const wide r = sqrt(r2), c = sqrt(1.0f - r2);
         wide sine, cosine_of_angle;
         sine_cosine(LOAD_WIDE(v + k), &sine, &cosine_of_angle);
@@ -142,7 +142,7 @@ static inline void bsdf_samples(const Light *light, private const block3 *n, pri
         const wide wy = p * b + q * (1.0f + ny * ny * a) + c * ny;
         const wide wz = c * nz - p * nx - q * ny;
         const wide theta = 2.0f * turns(sqrt(wx * wx + wz * wz), wy), phi = turns(wz, wx);
-        const wide_uint row = WIDE_UINT(theta * height), column = WIDE_UINT((phi < 0.0f ? phi + 1.0f : phi) * width);
+        const wide_uint row = wide_to_uint(theta * height), column = wide_to_uint((phi < 0.0f ? phi + 1.0f : phi) * width);
         STORE_WIDE(min(row, light->map.height - 1), y + k);
         STORE_WIDE(min(column, light->map.width - 1), x + k);
         STORE_WIDE(c, cosine + k);
@@ -152,7 +152,7 @@ static inline void bsdf_samples(const Light *light, private const block3 *n, pri
     float weight[BLOCK];
     for (uint k = 0; k < BLOCK; k += WIDTH) {
 #ifdef ESTIMATOR_MIS
-        const wide S = LOAD_WIDE(&RED(L, k)) + LOAD_WIDE(&GREEN(L, k)) + LOAD_WIDE(&BLUE(L, k));
+        const wide S = radiance_sum(&L, k);
         const wide q = fmax(S - light->offset, (wide)(0.0f)) * light->k;
         const wide ratio = q / fmax(LOAD_WIDE(cosine + k), (wide)(FLT_MIN));
         STORE_WIDE(light->k / (1.0f + ratio * ratio), weight + k);
@@ -207,28 +207,30 @@ kernel void render(global const float *restrict radiance,
     };
 
     const uint first = get_global_id(0) * BLOCK;
-    uint index[BLOCK], kept_x[BLOCK], kept_y[BLOCK];
+    uint index[BLOCK];
     block3 normal;
     block_pixels(disc, first, pixel_count, resolution, index, &normal);
-    begin_streams(begin, index, seed, kept_x, kept_y);
+    block_streams streams;
+    begin_streams(&streams, index, begin, seed);
 #ifdef ESTIMATOR_MIS
-    uint second[BLOCK], second_x[BLOCK], second_y[BLOCK];
+    uint second[BLOCK];
     for (uint k = 0; k < BLOCK; ++k)
         second[k] = index[k] | 0x80000000u;
-    begin_streams(begin, second, seed, second_x, second_y);
+    block_streams second_streams;
+    begin_streams(&second_streams, second, begin, seed);
 #endif
 
     block_rgb samples = {{{0.0f}}};
     for (uint s = begin; s < end; ++s) {
         uint u[BLOCK], v[BLOCK];
-        next_points(s, index, seed, kept_x, kept_y, u, v);
+        next_points(&streams, s, seed, u, v);
 #ifdef ESTIMATOR_BSDF
         bsdf_samples(&light, &normal, u, v, &samples);
 #else
         light_samples(&light, &normal, u, v, &samples);
 #endif
 #ifdef ESTIMATOR_MIS
-        next_points(s, second, seed, second_x, second_y, u, v);
+        next_points(&second_streams, s, seed, u, v);
         bsdf_samples(&light, &normal, u, v, &samples);
 #endif
     }

@@ -76,7 +76,7 @@ kernel void sample(global const uint *restrict row_cdf,
         total[k] = marginal_cdf[height - 1];
     }
     block_search(marginal_cdf, height, base, last, total, down, y);
-    GATHER
+    SCALAR_LOADS
     for (uint k = 0; k < BLOCK; ++k) {
         base[k] = y[k] * width;
         last[k] = width - 1;
@@ -88,15 +88,15 @@ kernel void sample(global const uint *restrict row_cdf,
     float f[BLOCK], sin_theta[BLOCK], cos_theta[BLOCK];
 #if defined(PIXELS) && defined(GUIDED)
     for (uint k = 0; k < n; ++k)
-        PREFETCH(radiance + (size_t)y[k] * width + x[k]);
-    GATHER
+        prefetch_line(radiance + (size_t)y[k] * width + x[k]);
+    SCALAR_LOADS
     for (uint k = 0; k < n; ++k)
         f[k] = radiance[(size_t)y[k] * width + x[k]];
 #else
     float red[BLOCK], green[BLOCK], blue[BLOCK];
     for (uint k = 0; k < n; ++k)
-        PREFETCH(radiance + 3 * ((size_t)y[k] * width + x[k]));
-    GATHER
+        prefetch_line(radiance + 3 * ((size_t)y[k] * width + x[k]));
+    SCALAR_LOADS
     for (uint k = 0; k < n; ++k) {
         const float3 L = vload3((size_t)y[k] * width + x[k], radiance);
         red[k] = L.x;
@@ -107,7 +107,7 @@ kernel void sample(global const uint *restrict row_cdf,
         f[k] = red[k] * scale + green[k] * scale + blue[k] * scale;
 #endif
     float sin_phi[BLOCK], cos_phi[BLOCK];
-    GATHER
+    SCALAR_LOADS
     for (uint k = 0; k < n; ++k) {
         const float2 t = theta[y[k]];
         sin_theta[k] = t.x;

@@ -144,7 +144,7 @@ def _copies(device: Device, size: int) -> tuple[Callable[[], cl.Event], DeviceAr
     source, target = (memory.empty(device, size // 4, np.float32) for _ in range(2))
     for array, value in (source, 1.5), (target, 0.0):  # touches all pages
         cl.enqueue_fill_buffer(device.queue, array.buffer, np.float32(value), 0, size)
-    kernel = device.kernel("limits/copy", BLOCK=block)
+    kernel = device.kernel("limits/copy", VECTORS=block)
     local = (1,) if block > 1 else None
 
     def start() -> cl.Event:

@@ -44,6 +44,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "azimuth_sums.cl": ("test_harmonics.py", "test_launches.py"),
     "block_search.clh": DRAWS,
     "cells.cl": RENDER,
+    "channels.clh": RENDER,
     "choose_rows.cl": ("test_streaming.py",),
     "column_sums.cl": CUT,
     "copy.cl": ("test_roofline.py",),
@@ -53,7 +54,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "guide.cl": DRAWS,
     "guided.clh": DRAWS,
     "harmonics.cl": ("test_harmonics.py", "test_launches.py"),
-    "invert_cdf.clh": ("test_streaming.py",),
+    "image_sum.clh": RENDER,
     "light_groups.cl": SPHERE,
     "map_row.clh": ("test_distribution.py",),
     "map_weights.cl": ("test_distribution.py",),
@@ -168,8 +169,8 @@ FAULTS: list[Fault] = [
     kernel(
         "sobol per pixel: both axes by one key",
         "sequence.clh",
-        "kept_y[k] = words.y[k];\n    }\n#endif\n}\n\n// Point",
-        "kept_y[k] = words.x[k];\n    }\n#endif\n}\n\n// Point",
+        "scramble_y[k] = words.y[k];",
+        "scramble_y[k] = words.x[k];",
         "a copied line",
     ),
     kernel(
@@ -233,7 +234,7 @@ FAULTS: list[Fault] = [
     ),
     kernel(
         "invert_cdf: < for <=",
-        "invert_cdf.clh",
+        "choose_rows.cl",
         "cdf[first + half_n] <= target",
         "cdf[first + half_n] < target",
         "a bound that black pixels meet",
@@ -319,8 +320,8 @@ FAULTS: list[Fault] = [
     kernel(
         "row_cdf: no clamp below the offset",
         "row_cdf.cl",
-        "fmax(weigh(radiance + 3 * (size_t)(x), scale) - offset, 0.0f)",
-        "(weigh(radiance + 3 * (size_t)(x), scale) - offset)",
+        "fmax(weights(rgb, scale) - offset, 0.0f)",
+        "(weights(rgb, scale) - offset)",
         "a clamp dropped",
         ("test_distribution.py", "test_render.py"),
     ),
@@ -341,8 +342,8 @@ FAULTS: list[Fault] = [
     kernel(
         "prefix sums: the carry beyond vectors is lost",
         "prefix_sum.clh",
-        "uint below = c.sf;",
-        "uint below = 0;",
+        "uint entry = entries.sf;",
+        "uint entry = 0;",
         "a remainder begins anew",
     ),
     kernel(
@@ -377,15 +378,15 @@ FAULTS: list[Fault] = [
     kernel(
         "shade: sums without compensation",
         "shade.cl",
-        "DOUBLE_WORD_ADD(pixels, sum[j][c], sum_lo[j][c], block[j][c]);",
-        "sum[j][c] += block[j][c];",
+        "DOUBLE_WORD_ADD(pixels, sum[j][c], sum_lo[j][c], chunk[j][c]);",
+        "sum[j][c] += chunk[j][c];",
         "compensation dropped",
     ),
     kernel(
-        "shade: the last block is left out",
+        "shade: the last chunk is left out",
         "shade.cl",
-        "first < light_count; first += BLOCK",
-        "first + BLOCK <= light_count; first += BLOCK",
+        "first < light_count; first += CHUNK",
+        "first + CHUNK <= light_count; first += CHUNK",
         "a remainder dropped",
     ),
     kernel(
@@ -398,15 +399,15 @@ FAULTS: list[Fault] = [
     kernel(
         "shade_tiles: no margin",
         "shade_tiles.cl",
-        "if (about >= reach) {",
-        "if (about >= 0.0f) {",
+        "if (above >= reach) {",
+        "if (above >= 0.0f) {",
         "groups across the horizon are taken for lit",
     ),
     kernel(
         "shade_tiles: dark groups are skipped too soon",
         "shade_tiles.cl",
-        "if (about <= -reach)",
-        "if (about <= -0.5f * reach)",
+        "if (above <= -reach)",
+        "if (above <= -0.5f * reach)",
         "a bound halved",
     ),
     kernel(
@@ -475,8 +476,8 @@ FAULTS: list[Fault] = [
     kernel(
         "sphere: a tile's rows one apart",
         "sphere.clh",
-        "((resolution) - 2 * ((int)(tile).y + (row)) - 1)",
-        "((resolution) - 2 * ((int)(tile).y + (row)))",
+        "return resolution - 2 * ((int)tile.y + row) - 1;",
+        "return resolution - 2 * ((int)tile.y + row);",
         "half a pixel",
     ),
     kernel(
@@ -556,8 +557,8 @@ FAULTS: list[Fault] = [
     kernel(
         "median_cut: the farther edge",
         "median_cut.cl",
-        "target - first <= after - target ? low : high",
-        "target - first > after - target ? low : high",
+        "target - before_low <= before_high - target ? low : high",
+        "target - before_low > before_high - target ? low : high",
         "a comparison turned",
     ),
     kernel("span_sums: the last pixel is left out", "span_sums.cl", "x < s.z; ++x", "x + 1 < s.z; ++x", "off by one"),
@@ -576,10 +577,10 @@ FAULTS: list[Fault] = [
         "a remainder dropped",
     ),
     kernel(
-        "azimuth_sums: blocks without compensation",
+        "azimuth_sums: chunks without compensation",
         "azimuth_sums.cl",
-        "DOUBLE_WORD_ADD(float8, hi, lo, block);",
-        "hi += block;",
+        "DOUBLE_WORD_ADD(float8, hi, lo, chunk);",
+        "hi += chunk;",
         "compensation dropped",
     ),
     kernel(
@@ -648,16 +649,16 @@ FAULTS: list[Fault] = [
     ),
     kernel(
         "render: low words are not kept",
-        "pixel_block.clh",
-        "vstore3(lo, at_low, sum);",
-        "vstore3((float3)(0.0f), at_low, sum);",
+        "image_sum.clh",
+        "vstore3(lo, low, sum);",
+        "vstore3((float3)(0.0f), low, sum);",
         "compensation dropped",
     ),
     kernel(
         "render: blue is green",
-        "pixel_block.clh",
-        "#define GREEN(L, k) ((L).channel[CHANNELS / 2][k])",
-        "#define GREEN(L, k) ((L).channel[CHANNELS - 1][k])",
+        "channels.clh",
+        "#define GREEN (CHANNELS / 2)",
+        "#define GREEN (CHANNELS - 1)",
         "a copied line",
     ),
     kernel(
@@ -738,8 +739,8 @@ FAULTS: list[Fault] = [
     kernel(
         "copy: the last vector is left out",
         "copy.cl",
-        "i < first + BLOCK; ++i",
-        "i + 1 < first + BLOCK; ++i",
+        "i < first + VECTORS; ++i",
+        "i + 1 < first + VECTORS; ++i",
         "off by one",
     ),
     # ---- the host: maps, samples, numbers ----
