@@ -41,7 +41,8 @@ static inline uint cut(global const ulong *energy, uint width, uint4 r, int axis
 {
     // Bisection: at most the target lies before `low`, more than it before `high`.
     uint low = axis == 0 ? r.x : r.y, high = axis == 0 ? r.z : r.w;
-    ulong before_low = 0, before_high = total;
+    const uint begin = low;
+    ulong before_high = total;
     while (high - low > 1) {
         const uint middle = low + (high - low) / 2;
         const ulong before_middle = energy_in(energy, width, before(r, axis, middle));
@@ -50,9 +51,9 @@ static inline uint cut(global const ulong *energy, uint width, uint4 r, int axis
             before_high = before_middle;
         } else {
             low = middle;
-            before_low = before_middle;
         }
     }
+    const ulong before_low = low == begin ? 0 : energy_in(energy, width, before(r, axis, low));
     // The nearer of both, if it leaves energy on either side.
     if (before_low == 0)
         return before_high == total ? 0 : high;
