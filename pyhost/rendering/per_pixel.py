@@ -14,8 +14,9 @@ The error of N independent points falls as 1 / sqrt(N), that of Sobol points fas
 ``exact(..., pixels="areas")``. The two differ most beside the shadow's edge of a single bright pixel, in both
 directions, by a part of the image's maximum that falls as 1 / H.
 
-Kernels: ``render.cl``, ``render_product.cl``. Source: Veach, thesis (1997), chapter 9; Pharr, Jakob,
-Humphreys, Physically Based Rendering, 4th ed., 2.2 and 13.2; Karlik et al., MIS Compensation (2019).
+Kernels: ``render_light.cl``, ``render_bsdf.cl``, ``render_mis.cl``, ``render_product.cl``. Source: Veach, thesis
+(1997), chapter 9; Pharr, Jakob, Humphreys, Physically Based Rendering, 4th ed., 2.2 and 13.2; Karlik et al., MIS
+Compensation (2019).
 """
 
 from __future__ import annotations
@@ -127,8 +128,7 @@ def _images(
         launch = _product_launch(distribution, cdfs, disc, defines)
         flux = 3 * distribution.flux
     else:
-        defines[f"ESTIMATOR_{estimator.upper()}"] = 1
-        launch, flux = _launch(distribution, mis_compensation, disc, defines)
+        launch, flux = _launch(distribution, estimator, mis_compensation, disc, defines)
     step = min(device.items_a_launch(SAMPLES_A_LAUNCH, len(disc)), SAMPLES_A_SUM)
     done = 0
     with Progress("rendering") as progress:
@@ -151,9 +151,9 @@ def _black(spp: Sequence[int], resolution: int) -> Iterator[tuple[int, np.ndarra
 
 
 def _launch(
-    distribution: Distribution, mis_compensation: bool, disc: np.ndarray, defines: dict[str, int]
+    distribution: Distribution, estimator: str, mis_compensation: bool, disc: np.ndarray, defines: dict[str, int]
 ) -> tuple[Callable[..., cl.Event], float]:
-    """The kernel ``render``, given all but its last arguments, and the flux of R + G + B that it samples."""
+    """The kernel of ``estimator``, given all but its last arguments, and the flux of R + G + B that it samples."""
     device, envmap, scale = distribution.device, distribution.envmap, distribution.scale
     row_cdf, marginal_cdf, total = distribution.row_cdf, distribution.marginal_cdf, distribution.total
     guide, offset = None, 0.0
@@ -166,23 +166,26 @@ def _launch(
             guide = build_guide(device, row_cdf, marginal_cdf)
     flux = 3 * distribution.flux * (total / distribution.total)
     of_light: tuple[object, ...] = ()
-    if "ESTIMATOR_BSDF" in defines:
+    if estimator == "bsdf":
         device.decisions.skip("guide tables", "directions of the cosine need no search")
     else:
         device.decisions.use("guide tables", "every sample of every pixel searches the map")
         guide = guide or distribution.guide
-        edge = np.cos(np.pi / envmap.height * np.arange(envmap.height + 1)).astype(np.float32)
-        angles = (distribution.theta.buffer, distribution.phi.buffer, memory.upload(device, edge).buffer)
+        angles = (distribution.theta.buffer, distribution.phi.buffer)
+        if estimator == "mis":
+            edge = np.cos(np.pi / envmap.height * np.arange(envmap.height + 1)).astype(np.float32)
+            angles = (memory.upload(device, edge).buffer,)
         of_light = (row_cdf.buffer, marginal_cdf.buffer, *guide.arguments, *angles)
+    k = np.float32(np.pi / (flux * scale))
+    factors = {"light": (), "bsdf": (k,), "mis": (np.float32(offset), k)}[estimator]
     launch = partial(
-        _in_blocks(device, "rendering/render", disc, defines),
+        _in_blocks(device, f"rendering/render_{estimator}", disc, defines),
         distribution.radiance.buffer,
         *of_light,
         np.uint32(envmap.width),
         np.uint32(envmap.height),
         np.float32(scale),
-        np.float32(offset),
-        np.float32(np.pi / (flux * scale)),
+        *factors,
         memory.upload(device, disc).buffer,
         np.uint32(len(disc)),
     )

@@ -2,8 +2,8 @@
 
 Luminance is I = (R + G + B) / 3; a pixel is drawn with probability p(x, y) = p(y) p(x | y)
 proportional to I sin(theta), the light that comes from it. Kernels: ``row_cdf.cl``,
-``marginal_cdf.cl``, ``sample.cl``. Source: Pharr, Jakob, Humphreys, Physically Based Rendering,
-4th ed., A.4, A.5 and 12.5.
+``marginal_cdf.cl``, ``sample.cl`` and its variants. Source: Pharr, Jakob, Humphreys, Physically
+Based Rendering, 4th ed., A.4, A.5 and 12.5.
 """
 
 from __future__ import annotations
@@ -82,8 +82,8 @@ class Distribution:
         """
         if out is not None and not (isinstance(out, tuple) and [type(a) for a in out] == [np.ndarray] * 2):
             raise LightdomeError(f"out must be the two arrays that an earlier call returned, got {checks.told(out)}")
-        defines = {"PIXELS": 1, **sequence_define(count, sequence)}
-        pixel, probability = self._draw(count, philox_key(seed), defines, out or (None, None))
+        defines = sequence_define(count, sequence)
+        pixel, probability = self._draw("sample_pixels", count, philox_key(seed), defines, out or (None, None))
         return pixel, probability
 
     def sample_at(self, points: np.ndarray) -> Samples:
@@ -98,7 +98,7 @@ class Distribution:
             raise LightdomeError("points must lie in [0, 1)")
         bits = np.floor(points * 2.0**32).astype(np.uint32)
         given = memory.upload(self.device, bits).buffer
-        return self._sample(len(bits), given, {"SEQUENCE_GIVEN": 1}, "given", 0)
+        return self._sample(len(bits), given, {}, "given", 0)
 
     @cached_property
     def guide(self) -> Guide:
@@ -125,7 +125,8 @@ class Distribution:
     def _sample(
         self, count: int, points: np.ndarray | cl.Buffer, defines: dict[str, int], sequence: str, seed: int
     ) -> Samples:
-        direction, radiance, pixel, probability = self._draw(count, points, defines, (None,) * 4)
+        name = "sample_at" if sequence == "given" else "sample"
+        direction, radiance, pixel, probability = self._draw(name, count, points, defines, (None,) * 4)
         return checks.made(
             Samples,
             direction=direction,
@@ -140,6 +141,7 @@ class Distribution:
 
     def _draw(
         self,
+        name: str,
         count: int,
         points: np.ndarray | cl.Buffer,
         defines: dict[str, int],
@@ -151,19 +153,20 @@ class Distribution:
         device = self.device
         kinds = [((count, 3), np.float32), ((count, 3), np.float32), ((count, 2), np.int32), ((count,), np.float32)]
         results = [memory.empty(device, *kind, array) for kind, array in zip(kinds[-len(out) :], out, strict=True)]
-        radiance = self.radiance
         guided: tuple[object, ...] = ()
+        radiance, scale = self.radiance, (np.float32(self.scale),)
+        angles = (self.theta.buffer,) if name == "sample_pixels" else (self.theta.buffer, self.phi.buffer)
         if is_guided(count, self.envmap):
             many = f"{count} samples on {self.envmap.width} x {self.envmap.height} pixels are enough to pay for them"
             self.device.decisions.use("guide tables", many)
-            guided, defines = self.guide.arguments, {"GUIDED": 1, **defines}
-            if "PIXELS" in defines:
-                radiance = self.weight
+            if name == "sample_pixels":
+                radiance, scale = self.weight, ()
+            name, guided = f"{name}_guided", self.guide.arguments
         else:
             few = f"{count} samples are drawn faster than the tables for the map would be built"
             device.decisions.skip("guide tables", few)
         block = 1 if device.is_gpu else SAMPLES_A_BLOCK
-        kernel = device.kernel("sampling/sample", BLOCK=block, **defines)
+        kernel = device.kernel(f"sampling/{name}", BLOCK=block, **defines)
         blocks, step = -(-count // block), device.items_a_launch(SAMPLES_A_LAUNCH, block)
         with Progress("sampling") as progress:
             for begin in range(0, blocks, step):
@@ -175,11 +178,10 @@ class Distribution:
                     self.marginal_cdf.buffer,
                     radiance.buffer,
                     *guided,
-                    self.theta.buffer,
-                    self.phi.buffer,
+                    *angles,
                     np.uint32(self.envmap.width),
                     np.uint32(self.envmap.height),
-                    np.float32(self.scale),
+                    *scale,
                     np.float32(1 / self.total),
                     np.uint32(count),
                     points,
