@@ -145,7 +145,7 @@ def _copies(device: Device, size: int) -> tuple[Callable[[], float], DeviceArray
     arrays = {"from": source, "to": target}
 
     def run() -> float:
-        return _seconds(device, "limits/copy", (size // (16 * block),), {"BLOCK": block}, **arrays)
+        return _seconds(device, "limits/copy", (size // (16 * block),), {"VECTORS": block}, **arrays)
 
     return run, target
 

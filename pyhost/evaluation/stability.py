@@ -31,7 +31,7 @@ from ..opencl import memory
 from ..opencl.device import Device
 from ..sampling.cdf import MapCDF
 from ..sampling.distribution import Distribution, build_distribution
-from ..sampling.draw import PIXELS, drawn, given_points
+from ..sampling.draw import drawn, given_points
 from ..sampling.samples import Samples
 
 NORMAL = 2.0**-126  # float32's smallest normal number: below it digits go
@@ -159,7 +159,7 @@ class Lightdome:
         y, x = np.mgrid[rows, 0 : envmap.width]
         points = np.stack([(x + 0.5) / envmap.width, (y + 0.5) / envmap.height], axis=-1)
         given = given_points(self.distribution.device, points.reshape(-1, 2))
-        return drawn(self.distribution.map, self._even, given, PIXELS)["probability"].reshape(y.shape)
+        return drawn(self.distribution.map, self._even, given)["probability"].reshape(y.shape)
 
     def draw(self, count: int, seed: int) -> Samples:
         return self.distribution.sample(count, seed)

@@ -74,6 +74,11 @@ class Kernel:
         self._signature = signature
         self._process = os.getpid()
 
+    @property
+    def parameters(self) -> set[str]:
+        """The names of its arguments."""
+        return {parameter.name for parameter in self._signature.parameters}
+
     def __call__(
         self,
         queue: cl.CommandQueue,
@@ -147,5 +152,5 @@ class Programs:
                         " choose another device with --device"
                     ) from error
             kernel = getattr(program, name.rpartition("/")[2])
-            self._kernels[key] = Kernel(kernel, signature(name, text, of_all))
+            self._kernels[key] = Kernel(kernel, signature(name, text))
         return self._kernels[key]
