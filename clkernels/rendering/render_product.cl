@@ -19,9 +19,10 @@
 #include "common/block_search.clh"
 #include "rendering/product.clh"
 
-// block_search, and u[k] becomes where in the step of the result it lay, a fraction of 2^32 as even as before.
+// block_search, and u[k] becomes its place in the step that it picked, a fraction of 2^32, uniform again.
 static inline void search_rest(global const uint *cdf, const uint n, private const uint *base,
-                               private const uint *last, private const uint *total, private uint *u, private uint *index)
+                               private const uint *last, private const uint *total, private uint *u,
+                               private uint *index)
 {
     block_search(cdf, n, base, last, total, u, index);
     SCALAR_LOADS
@@ -87,6 +88,8 @@ kernel void render_product(global const uint *restrict tile_column_cdf,
         uint across[BLOCK], down[BLOCK], i[BLOCK], j[BLOCK], x[BLOCK], y[BLOCK];
         uint base[BLOCK], last[BLOCK], total[BLOCK];
         next_points(&streams, s, seed, across, down);
+
+        // A cell (i, j), by the CDFs of the pixel's tile
         search_rest(tile_row_cdf, cells.y, tile_row, last_row, row_total, down, j);
         SCALAR_LOADS
         for (uint k = 0; k < BLOCK; ++k) {
@@ -94,6 +97,8 @@ kernel void render_product(global const uint *restrict tile_column_cdf,
             total[k] = tile_column_cdf[base[k] + cells.x - 1];
         }
         search_rest(tile_column_cdf, cells.x, base, last_column, total, across, i);
+
+        // A pixel (x, y) of the map, by the CDFs of the cell and the rest of the point
         SCALAR_LOADS
         for (uint k = 0; k < BLOCK; ++k) {
             last[k] = min(cell_size.y, height - j[k] * cell_size.y) - 1;
@@ -112,6 +117,7 @@ kernel void render_product(global const uint *restrict tile_column_cdf,
         for (uint k = 0; k < BLOCK; ++k)
             x[k] += i[k] * cell_size.x;
 
+        // max(0, n . w) / C
         block3 light;
         float light_reach[BLOCK], weight[BLOCK];
         SCALAR_LOADS
@@ -135,8 +141,12 @@ kernel void render_product(global const uint *restrict tile_column_cdf,
             const wide guess = cosine_guess(c, LOAD_WIDE(reach + k) + LOAD_WIDE(light_reach + k));
             STORE_WIDE(cosine > 0.0f ? cosine / guess : (wide)(0.0f), weight + k);
         }
+
+        // L / S x max(0, n . w) / C
         block_add_colours(&samples, radiance, width, scale, x, y, weight);
     }
+
+    // What all samples of a pixel have in common
     block_multiply(&samples, factor);
     block_store(&samples, index, min((uint)BLOCK, pixel_count - first), resolution, sum);
 }
