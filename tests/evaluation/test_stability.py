@@ -215,6 +215,35 @@ def test_draws_that_are_too_even_for_chance_fail(device: Device, stiff: Environm
     assert Result("even", "", "", figures).failures == ["chi2"]
 
 
+def test_each_million_draws_has_a_seed_of_its_own(device: Device) -> None:
+    asked: list[tuple[int, int]] = []
+
+    class Noted(Lightdome):
+        def draw(self, count: int, seed: int) -> Samples:
+            asked.append((count, seed))
+            return super().draw(count, seed)
+
+    radiance = np.ones((1, 2, 3), np.float32)
+    measure(Noted(build_distribution(device, EnvironmentMap(radiance))), Truth(radiance), 2 * stability.BLOCK + 3)
+    assert [count for count, _ in asked] == [stability.BLOCK, stability.BLOCK, 3]
+    assert len({seed for _, seed in asked}) == 3
+
+
+def test_pixels_outside_the_disc_are_no_fault_of_a_peer(device: Device, stiff: EnvironmentMap) -> None:
+    def filled(image: np.ndarray) -> np.ndarray:
+        return np.where(disc_mask(len(image))[..., None], image, 1)
+
+    def peer(radiance: np.ndarray) -> Broken:
+        return Broken(device, EnvironmentMap(radiance), image=filled)
+
+    own = measure(peer(stiff.radiance), Truth(stiff.radiance), 1000)
+    assert Result("lightdome", "", "", own).failures == ["wrong"]
+    case = Case("a map", "none", lambda *_: [], maps=lambda: [stiff.radiance])
+    result = stability.run_peer(case, "peer", peer, 1000)
+    assert result.figures.keys() == own.keys() - {"wrong"}
+    assert not result.failures
+
+
 def test_a_wrong_flux_fails(device: Device, stiff: EnvironmentMap) -> None:
     sampler = Lightdome(build_distribution(device, stiff))
     sampler.flux *= 1 + 3e-6
