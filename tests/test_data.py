@@ -19,26 +19,16 @@ from types import ModuleType
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from helpers import LONG, ROOT, module_of
+from helpers import GRACE, LONG, ROOT, Script, command_line, module_of, script_path
 
 MAP = ROOT / "data" / "default.exr"
-MAKE = ROOT / "data" / "make_default_map.py"
-GET = ROOT / "scripts" / "get_grace.py"
 
 
-def script(path: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, str(path), *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=LONG,
-        env=quiet(),
-    )
-
-
-def quiet() -> dict[str, str]:
-    """The environment without proxies, which would stand between a test and its server."""
-    return {k: v for k, v in os.environ.items() if not k.lower().endswith("_proxy")}
+@pytest.fixture(autouse=True)
+def without_proxies(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Proxies would stand between a test and its server."""
+    for name in [name for name in os.environ if name.lower().endswith("_proxy")]:
+        monkeypatch.delenv(name)
 
 
 # --- the default map ------------------------------------------------------------------------------
@@ -112,7 +102,7 @@ def test_making_the_map_refuses_a_bad_target_before_the_work(
     monkeypatch.setattr(make, "render", lambda: pytest.fail("the work was begun"))
 
     def refused(name: str) -> tuple[object, str]:
-        monkeypatch.setattr(sys, "argv", [str(MAKE), "--out", str(tmp_path / name)])
+        monkeypatch.setattr(sys, "argv", ["make_default_map.py", "--out", str(tmp_path / name)])
         with pytest.raises(SystemExit) as exit_:
             make.run(make.main)
         return exit_.value.code, capsys.readouterr().err
@@ -198,9 +188,7 @@ def server() -> Iterator[str]:
 
 
 @pytest.fixture
-def get_grace(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    for name in set(os.environ) - set(quiet()):
-        monkeypatch.delenv(name)
+def get_grace() -> ModuleType:
     return module_of("get_grace")
 
 
@@ -230,17 +218,17 @@ def assert_failed(result: subprocess.CompletedProcess[str], folder: Path, *words
     ],
 )
 def test_a_bad_answer_is_one_line_and_leaves_nothing(
-    server: str, tmp_path: Path, path: str, words: tuple[str, ...]
+    script: Script, server: str, tmp_path: Path, path: str, words: tuple[str, ...]
 ) -> None:
     path = path.replace("/to/short", f"/to/{server}/short")
-    assert_failed(script(GET, "--from", server + path, "--out", tmp_path / "g.exr"), tmp_path, *words)
+    assert_failed(script("get_grace", "--from", server + path, "--out", tmp_path / "g.exr"), tmp_path, *words)
 
 
-def test_a_refused_connection_is_one_line(tmp_path: Path) -> None:
+def test_a_refused_connection_is_one_line(script: Script, tmp_path: Path) -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"http://127.0.0.1:{free.getsockname()[1]}/g.exr"
-    result = script(GET, "--from", address, "--out", tmp_path / "g.exr")
+    result = script("get_grace", "--from", address, "--out", tmp_path / "g.exr")
     assert_failed(result, tmp_path, "cannot fetch", "refused", "--from FILE")
 
 
@@ -255,16 +243,16 @@ def test_a_refused_connection_is_one_line(tmp_path: Path) -> None:
         ("no/such/file.exr", ("no such file",)),
         ("x" * 5000, ("cannot read",)),
         ("/dev/zero", ("not a regular file",)),
-        (str(GET), ("not the Grace map",)),
+        (str(script_path("get_grace")), ("not the Grace map",)),
     ],
 )
-def test_a_bad_source_is_one_line(tmp_path: Path, source: str, words: tuple[str, ...]) -> None:
-    assert_failed(script(GET, "--from", source, "--out", tmp_path / "g.exr"), tmp_path, *words)
+def test_a_bad_source_is_one_line(script: Script, tmp_path: Path, source: str, words: tuple[str, ...]) -> None:
+    assert_failed(script("get_grace", "--from", source, "--out", tmp_path / "g.exr"), tmp_path, *words)
 
 
-def test_a_target_that_cannot_be_written_is_one_line(server: str, tmp_path: Path) -> None:
+def test_a_target_that_cannot_be_written_is_one_line(script: Script, server: str, tmp_path: Path) -> None:
     for out in (tmp_path / "missing" / "g.exr", tmp_path, tmp_path / ("x" * 300), Path(os.devnull)):
-        assert_failed(script(GET, "--from", server + "/wrong", "--out", out), tmp_path, "--out")
+        assert_failed(script("get_grace", "--from", server + "/wrong", "--out", out), tmp_path, "--out")
     assert not Path(os.devnull).is_file()
 
 
@@ -272,10 +260,8 @@ def test_a_target_that_cannot_be_written_is_one_line(server: str, tmp_path: Path
 def test_a_full_disk_is_one_line(server: str, tmp_path: Path) -> None:
     # A limit on the size of files stands in for a full disk: write fails half-way in the same manner.
     command = 'ulimit -f 64; exec "$@"'
-    arguments = [sys.executable, str(GET), "--from", server + "/wrong", "--out", str(tmp_path / "g.exr")]
-    result = subprocess.run(
-        ["sh", "-c", command, "sh", *arguments], capture_output=True, text=True, timeout=LONG, env=quiet()
-    )
+    get = command_line("get_grace", "--from", server + "/wrong", "--out", tmp_path / "g.exr")
+    result = subprocess.run(["sh", "-c", command, "sh", *get], capture_output=True, text=True, timeout=LONG)
     assert_failed(result, tmp_path, "cannot write", "free 1.7 MB", "--out")
 
 
@@ -283,10 +269,9 @@ def test_a_full_disk_is_one_line(server: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_leaves_nothing(server: str, tmp_path: Path, number: int, status: int) -> None:
     process = subprocess.Popen(
-        [sys.executable, str(GET), "--from", server + "/endless", "--out", str(tmp_path / "g.exr")],
+        command_line("get_grace", "--from", server + "/endless", "--out", tmp_path / "g.exr"),
         stderr=subprocess.PIPE,
         text=True,
-        env=quiet(),
     )
     while not any(file.stat().st_size for file in tmp_path.iterdir()):
         assert process.poll() is None
@@ -337,34 +322,24 @@ def test_a_failure_keeps_the_file_that_was_there(server: str, tmp_path: Path, ge
 
 
 def test_get_grace_needs_nothing_installed(tmp_path: Path) -> None:
-    command = [
-        sys.executable,
-        "-S",
-        "-I",
-        str(GET),
-        "--from",
-        "missing.exr",
-        "--out",
-        str(tmp_path / "g.exr"),
-    ]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=LONG)
+    python, *command = command_line("get_grace", "--from", "missing.exr", "--out", tmp_path / "g.exr")
+    result = subprocess.run([python, "-S", "-I", *command], capture_output=True, text=True, timeout=LONG)
     assert_failed(result, tmp_path, "no such file")
 
 
-def test_wrong_command_line_exits_with_2() -> None:
-    assert script(GET, "--form", "x").returncode == 2
-    assert script(GET, "--from", "").returncode == 2
+def test_wrong_command_line_exits_with_2(script: Script) -> None:
+    assert script("get_grace", "--form", "x").returncode == 2
+    assert script("get_grace", "--from", "").returncode == 2
 
 
-def test_the_real_grace_map_is_accepted_and_not_fetched_twice(tmp_path: Path) -> None:
-    grace = Path(os.environ.get("LIGHTDOME_GRACE") or ROOT / "data" / "grace_latlong.exr")
-    if not grace.is_file():
+def test_the_real_grace_map_is_accepted_and_not_fetched_twice(script: Script, tmp_path: Path) -> None:
+    if not GRACE.is_file():
         pytest.skip("needs the Grace map: run scripts/get_grace.py")
     out = tmp_path / "g.exr"
-    first = script(GET, "--from", grace, "--out", out)
+    first = script("get_grace", "--from", GRACE, "--out", out)
     assert (first.returncode, first.stderr) == (0, "")
     assert "Paul Debevec" in first.stdout
-    again = script(GET, "--from", "http://127.0.0.1:1/never", "--out", out)
+    again = script("get_grace", "--from", "http://127.0.0.1:1/never", "--out", out)
     assert again.returncode == 0
     assert "already there" in again.stdout
     assert [file.name for file in tmp_path.iterdir()] == ["g.exr"]

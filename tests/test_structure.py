@@ -68,3 +68,12 @@ def test_the_package_list_is_that_of_the_folders() -> None:
     config.read(ROOT / "setup.cfg")
     packages = config["options"]["packages"].split()
     assert sorted(packages) == sorted(["lightdome", "lightdome.clkernels", *(f"lightdome.{name}" for name in FOLDERS)])
+
+
+def test_no_file_of_tests_needs_another() -> None:
+    """Each runs alone; what several need is in a module beside the folders."""
+    paths = sorted((ROOT / "tests").rglob("test_*.py"))
+    assert len(paths) > 40
+    for path in paths:
+        taken = [node.module for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom)]
+        assert not [module for module in taken if module and module.startswith("test_")], path.name

@@ -25,7 +25,7 @@ from types import SimpleNamespace
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from helpers import ROOT, module_of, stiff_radiance
+from helpers import SCRIPTS, module_of, stiff_radiance
 from lightdome import pbrt
 from lightdome.cache import cache_folder
 from lightdome.errors import LightdomeError
@@ -52,8 +52,6 @@ from lightdome.opencl.device import open_device
 from lightdome.rendering.per_pixel import render
 from lightdome.sampling.distribution import build_distribution
 from lightdome.sampling.samples import Samples
-
-SCRIPTS = [path.stem for path in sorted((ROOT / "scripts").glob("*.py")) if not path.stem.startswith("_")]
 
 
 @dataclass
@@ -453,7 +451,10 @@ def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
     else:
         for spp, expected in render(build_distribution(world.device, envmap), [1, 4], 19):
             np.testing.assert_array_equal(ran.image(f"sphere_{spp}spp.pfm"), expected)
-        assert all(b"19" in ran[f"pbrt/{name}"] for name in ran.names("pbrt/*.pbrt"))
+        scenes = ran.names("pbrt/*.pbrt")
+        assert len(scenes) == 4
+        for name in scenes:
+            assert b'"integer xresolution" [19]' in ran[f"pbrt/{name}"]
 
 
 # ---- parts 1 to 4 ----
@@ -508,9 +509,8 @@ def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
                 np.testing.assert_array_equal(ran.image(f"sphere_{spp}spp.pfm"), expected)
             envmap = EnvironmentMap(world.radiance["map"])
             (world.folder / f"scenes {seed}").mkdir()
-            pbrt.write_scenes(world.folder / f"scenes {seed}", envmap, [1, 4], 12, 1.0, seed)
-            for path in (world.folder / f"scenes {seed}").glob("*.pbrt"):
-                assert ran[f"pbrt/{path.name}"] == path.read_bytes()
+            for scene in pbrt.write_scenes(world.folder / f"scenes {seed}", envmap, [1, 4], 12, 1.0, seed):
+                assert ran[f"pbrt/{scene.path.name}"] == scene.path.read_bytes()
     assert other.json()["options"]["seed"] == 9
     name = "samples_40.npz" if script == "part2_sample" else "sphere_4spp.pfm"
     assert plain[name] != other[name]

@@ -11,11 +11,10 @@ import fuzz
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from helpers import Script, fails_in_one_line
+from helpers import CHROMA_IS_HIDDEN, Script, fails_in_one_line
 from lightdome.errors import LightdomeError
 from lightdome.maps.images import read_image
 from lightdome.sampling.samples import Samples
-from test_exr import CHROMA_IS_HIDDEN
 
 
 def test_damaged_files_are_read_or_refused(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import LONG, PYTHON_PROGRAM, ROOT, fails_in_one_line
+from helpers import LONG, PYTHON_PROGRAM, command_line, fails_in_one_line
 from lightdome.disc import disc_mask
 from lightdome.errors import LightdomeError
 from lightdome.lighting.exact import exact as exact_image
@@ -520,15 +520,8 @@ def test_a_closed_terminal_ends_pbrt_too(tmp_path):
     write_image(tmp_path / "map.exr", np.ones((4, 8, 3), np.float32))
     temporary = tmp_path / "temporary"
     temporary.mkdir()
-    command = [
-        sys.executable,
-        str(ROOT / "scripts" / "part4_pbrt.py"),
-        "--map",
-        str(tmp_path / "map.exr"),
-        "--spp",
-        "1",
-    ]
-    command += ["--resolution", "9", "--pbrt", str(stand_in(tmp_path, hangs)), "--out", str(tmp_path / "out")]
+    options = ("--spp", 1, "--resolution", 9, "--pbrt", stand_in(tmp_path, hangs), "--out", tmp_path / "out")
+    command = command_line("part4_pbrt", "--map", tmp_path / "map.exr", *options)
     process = subprocess.Popen(command, env={**os.environ, "TMPDIR": str(temporary)}, stdout=subprocess.DEVNULL)
     with (tmp_path / "pipe").open() as pipe:  # opens once the program runs
         process.send_signal(signal.SIGHUP)

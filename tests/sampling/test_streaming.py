@@ -13,7 +13,8 @@ import fuzz
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from helpers import ROOT, Script, fails_in_one_line, stiff_radiance
+from helpers import CHROMA_IS_HIDDEN, ROOT, Script, command_line, fails_in_one_line, stiff_radiance
+from image_bytes import IMAGE, hdr, pfm
 from lightdome.errors import LightdomeError
 from lightdome.maps.envmap import EnvironmentMap, Replaced
 from lightdome.maps.images import ImageRows, read_image, write_image
@@ -21,8 +22,6 @@ from lightdome.opencl.device import Device
 from lightdome.sampling.distribution import build_distribution
 from lightdome.sampling.samples import SEQUENCES, Samples
 from lightdome.sampling.streaming import sample_file
-from test_exr import CHROMA_IS_HIDDEN
-from test_images import IMAGE, hdr, pfm
 
 
 def shifted_exr(path: Path, radiance: np.ndarray, x: int, y: int, tile: int) -> Path:
@@ -262,7 +261,7 @@ def test_memory_is_for_bands_and_not_for_the_map(tmp_path: Path) -> None:
 
     def peak(*arguments: str | Path) -> float:
         """MiB."""
-        command = [sys.executable, str(ROOT / "scripts" / "part2_sample.py"), "--samples-only", *map(str, arguments)]
+        command = command_line("part2_sample", "--samples-only", *arguments)
         return int(subprocess.check_output([sys.executable, "-c", small, *command], text=True)) / 1024
 
     tiny = peak("--map", sparse_pfm(tmp_path / "tiny.pfm", 8, 16), "--out", tmp_path)  # Python and an OpenCL
