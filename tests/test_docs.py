@@ -22,6 +22,8 @@ import pytest
 from helpers import LONG, ROOT, SCRIPTS, Script
 from lightdome.maps.images import read_image, write_image
 
+pytestmark = pytest.mark.slow
+
 PAGES = [*ROOT.glob("*.md"), ROOT / "data" / "README.md", *(ROOT / "docs").rglob("*.md")]
 LANGUAGES = {"sh", "python", "math", "bibtex", "text"}
 NOT_RUN = "# not run by the tests: "

@@ -22,6 +22,8 @@ from lightdome import cache
 from lightdome.errors import LightdomeError
 from lightdome.opencl.device import Device
 
+pytestmark = pytest.mark.slow
+
 LESSONS = sorted((ROOT / "docs" / "tutorial").glob("*.py"))
 OPENCL = ("OCL_ICD_VENDORS", "LD_LIBRARY_PATH", "PYOPENCL_CTX")  # which implementation, and what it needs
 

@@ -27,6 +27,8 @@ from helpers import LONG, ROOT, command_line
 from lightdome.opencl.device import Device
 from lightdome.sampling.samples import Samples
 
+pytestmark = pytest.mark.slow
+
 STOPPED = {
     "part1_fresnel": (),
     "part2_sample": ("--counts", "64", "256"),

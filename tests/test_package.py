@@ -10,6 +10,8 @@ import lightdome
 import pytest
 from helpers import LONG, ROOT
 
+pytestmark = pytest.mark.slow
+
 MODULES = sorted(
     path.stem
     for path in (ROOT / "pyhost").iterdir()

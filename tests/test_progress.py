@@ -70,6 +70,7 @@ def test_a_terminal_shows_a_bar_and_no_lines(clock: list[float], monkeypatch: py
     assert sys.stderr.getvalue().endswith("\r\x1b[K")
 
 
+@pytest.mark.slow
 def test_messages_keep_their_order_in_one_pipe(tmp_path: Path) -> None:
     write_image(tmp_path / "odd.pfm", stiff_radiance(9, 11))
     result = subprocess.run(

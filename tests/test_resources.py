@@ -26,6 +26,8 @@ from lightdome.opencl.device import Device
 from lightdome.opencl.programs import Programs
 from lightdome.sampling.distribution import build_distribution
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def inputs(script: Script, tmp_path_factory: pytest.TempPathFactory) -> Path:

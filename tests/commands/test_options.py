@@ -179,9 +179,9 @@ def options_of(script: str) -> set[str]:
     return {max(action.option_strings, key=len, default=action.dest) for action in actions} - {"--help"}
 
 
-@pytest.mark.parametrize("script", SCRIPTS)
-def test_every_option_has_a_case(script: str) -> None:
-    assert options_of(script) == {name for of, name in CASES if of == script}
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_every_option_has_a_case(name: str) -> None:
+    assert options_of(name) == {option for of, option in CASES if of == name}
 
 
 # ---- what several scripts share ----
@@ -845,6 +845,6 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
     ]
 
 
-@pytest.mark.parametrize(("script", "name"), CASES, ids=[" ".join(case) for case in CASES])
-def test_an_option_does_what_it_says(world: World, monkeypatch: pytest.MonkeyPatch, script: str, name: str) -> None:
-    CASES[script, name](world, monkeypatch)
+@pytest.mark.parametrize("case", CASES, ids=" ".join)
+def test_an_option_does_what_it_says(world: World, monkeypatch: pytest.MonkeyPatch, case: tuple[str, str]) -> None:
+    CASES[case](world, monkeypatch)

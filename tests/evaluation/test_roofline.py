@@ -152,6 +152,7 @@ def test_harmonics_count_their_terms(device: Device) -> None:
     assert harmonics(device, 33).work.operations == (filtered + 2 * 66) * disc_mask(33).sum()
 
 
+@pytest.mark.slow
 def test_the_script_holds_every_stage_against_its_limit(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     write_image(tmp_path / "map.pfm", stiff_radiance(16, 32))
     out = tmp_path / "out"

@@ -98,7 +98,7 @@ def test_images_end_at_the_ends_of_float32(device: Device, value: float) -> None
         "albedo 0, 1, 1.5, 1e6",
         "light exactly at the rim",
         "light exactly behind",
-        "white furnace",
+        pytest.param("white furnace", marks=pytest.mark.slow),
         "one sun of 1e20: samples are the image",
         "eta 1 - 1e-7, 1, 1 + 1e-7",
     ],

@@ -251,6 +251,7 @@ def test_labels_cover_neither_curves_nor_each_other(make, sides: tuple[float, fl
         assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
 
 
+@pytest.mark.slow
 def test_the_script_writes_its_files_without_opencl_and_always_the_same(tmp_path: Path) -> None:
     path = script_path("part1_fresnel")
     code = (

@@ -17,6 +17,7 @@ from lightdome.maps.images import read_image
 from lightdome.sampling.samples import Samples
 
 
+@pytest.mark.slow
 def test_damaged_files_are_read_or_refused(tmp_path: Path) -> None:
     counts, failures = fuzz.fuzz(400, 0, tmp_path / "failures")
     assert not failures, "\n".join(failures)
@@ -34,6 +35,7 @@ def test_the_files_are_valid_before_they_are_damaged(tmp_path: Path) -> None:
         assert refused[name] in verdict if name in refused else verdict == "read", verdict
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # casts that overflow
 def test_every_array_can_be_damaged_twice_and_stays_small() -> None:
     rng = np.random.default_rng(0)

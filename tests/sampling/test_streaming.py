@@ -249,6 +249,7 @@ def sparse_pfm(path: Path, height: int, width: int) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "wait4"), reason="needs the peak memory of a process")
 def test_memory_is_for_bands_and_not_for_the_map(tmp_path: Path) -> None:
     path = sparse_pfm(tmp_path / "large.pfm", 4096, 8192)  # 384 MiB

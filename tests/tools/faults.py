@@ -107,7 +107,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "images.py": ("test_images.py", "test_streaming.py"),
     "interrupts.py": ("test_interrupted.py::test_the_exit_status_says_which_signal_ended_a_script",),
     "lights.py": ("test_lights.py",),
-    "markers.py": ("test_scripts.py",),
+    "markers.py": ("test_markers.py", "test_scripts.py"),
     "median_cut.py": CUT,
     "run.py": ("test_pbrt.py",),
     "scenes.py": ("test_pbrt.py",),
