@@ -21,7 +21,6 @@ from lightdome.errors import LightdomeError
 from lightdome.files import replacing
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import write_image
-from lightdome.opencl import programs
 from lightdome.opencl.device import Device
 from lightdome.opencl.programs import Programs
 from lightdome.sampling.distribution import build_distribution
@@ -231,8 +230,12 @@ def test_what_no_device_holds_is_one_line(
 def test_a_build_that_fails_leaves_no_file(device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr("pyopencl.characterize.has_src_build_cache", lambda device: False)  # then it saves the source
-    monkeypatch.setattr(programs, "source", lambda name: "kernel void broken(global float *a) { a[0] = ; }")
+
+    class Broken(Programs):
+        def text(self, name: str) -> str:
+            return "kernel void broken(global float *a) { a[0] = ; }"
+
     with pytest.raises(LightdomeError, match=r"refuses clkernels/broken\.cl") as error:
-        Programs(device.context).kernel("broken")
+        Broken(device.context).kernel("broken")
     assert len(str(error.value).splitlines()) == 1
     assert not list(tmp_path.iterdir())

@@ -263,8 +263,10 @@ def test_the_numbers_are_those_of_the_runs(device: Device, small_map: Path, made
     assert fallen["64 shared"] < 2 < 5 < fallen["64 a pixel"]
 
 
-def test_the_stability_table_shows_failures_and_peers_beside_them(made: Path) -> None:
-    found = report._stability(results_of(made).settings["stability"])
+def test_the_stability_table_shows_failures_and_peers_beside_them(device: Device, small_map: Path, made: Path) -> None:
+    envmap, results = EnvironmentMap.read(small_map), results_of(made)
+    images = report.load_images(device, envmap, results)
+    found = report.numbers(envmap, small_map.name, results, images)["stability"]
     assert (found["holds"], found["fails"], found["skipped"]) == (2, 1, 1)
     rows = found["own"]["rows"]
     assert [(row["case"], row["note"]) for row in rows[2:]] == [("NaN", "FAILS"), ("too large", "skipped")]

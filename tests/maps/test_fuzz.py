@@ -42,7 +42,7 @@ def test_every_array_can_be_damaged_twice_and_stays_small() -> None:
     for _ in range(30):
         for name, array in fuzz.arrays().items():
             for mutation in fuzz.ARRAY_MUTATIONS:
-                result = mutation(rng, fuzz._other_type(rng, array))
+                result = mutation(rng, fuzz.other_type(rng, array))
                 content = result if isinstance(result, bytes) else fuzz.npy(result)
                 assert len(content) < 2**26, (name, mutation)
 
@@ -61,22 +61,24 @@ def test_every_array_can_be_damaged_twice_and_stays_small() -> None:
     ],
 )
 def test_a_reader_that_hangs_crashes_chatters_or_bloats_is_found(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, program: str, failure: str, seconds: float
+    tmp_path: Path, program: str, failure: str, seconds: float
 ) -> None:
-    monkeypatch.setattr(fuzz, "SECONDS", seconds)
     with (tmp_path / "errors").open("w") as errors:
         process = subprocess.Popen(
             [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True
         )
-        verdict = fuzz.Worker(process, tmp_path / "errors").read(tmp_path)
+        verdict = fuzz.Worker(process, tmp_path / "errors").read(tmp_path, seconds)
         process.communicate()
     assert verdict.startswith("failed")
     assert failure in verdict
 
 
-def test_what_is_left_on_disk_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fuzz.Worker, "read", lambda worker, path: path.with_suffix(".left").touch() or "read")
-    _, failures = fuzz.fuzz(1, 0, tmp_path / "failures")
+def test_what_is_left_on_disk_is_found(tmp_path: Path) -> None:
+    def leave(worker: fuzz.Worker, path: Path) -> str:
+        path.with_suffix(".left").touch()
+        return "read"
+
+    _, failures = fuzz.fuzz(1, 0, tmp_path / "failures", read=leave)
     assert "on disk" in failures[0]
     assert len(list((tmp_path / "failures").iterdir())) == 1
 

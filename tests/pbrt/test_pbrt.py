@@ -502,18 +502,16 @@ def slow_stand_in(folder: Path, bar: str, end: str) -> Pbrt:
 
 @with_stand_ins
 @pytest.mark.parametrize("bar", BARS)
-def test_a_render_is_given_up_once_it_stands_still(tmp_path, scene, monkeypatch, bar):
-    monkeypatch.setattr("lightdome.pbrt.run.STILL", 0.3)
+def test_a_render_is_given_up_once_it_stands_still(tmp_path, scene, bar):
     with pytest.raises(LightdomeError, match=r"was stopped: 2 spp showed no progress for \d+ s; try the scene"):
-        render_scene(slow_stand_in(tmp_path, bar, "time.sleep(60)"), scene)
+        render_scene(slow_stand_in(tmp_path, bar, "time.sleep(60)"), scene, _still=0.3)
 
 
 @with_stand_ins
 @pytest.mark.parametrize("bar", ["PBRT", "port"])
-def test_a_render_whose_bar_moves_goes_on(tmp_path, scene, monkeypatch, bar):
-    monkeypatch.setattr("lightdome.pbrt.run.STILL", 0.5)
+def test_a_render_whose_bar_moves_goes_on(tmp_path, scene, bar):
     with pytest.raises(LightdomeError, match=r"failed with exit status 3; it said: nothing; try the scene"):
-        render_scene(slow_stand_in(tmp_path, bar, "sys.exit(3)"), scene)
+        render_scene(slow_stand_in(tmp_path, bar, "sys.exit(3)"), scene, _still=0.5)
 
 
 @with_stand_ins

@@ -26,7 +26,7 @@ from lightdome.sampling.streaming import sample_file
 
 def shifted_exr(path: Path, radiance: np.ndarray, x: int, y: int, tile: int) -> Path:
     """An EXR whose windows begin at (x, y)."""
-    spec = fuzz._spec(radiance, "none", oiio.FLOAT, tile)
+    spec = fuzz.image_spec(radiance, "none", oiio.FLOAT, tile)
     spec.x, spec.y, spec.full_x, spec.full_y = x, y, x, y
     file = oiio.ImageOutput.create(str(path))
     assert file.open(str(path), spec), file.geterror()
