@@ -147,9 +147,12 @@ def test_pbrt_4_renders_as_many_samples_as_asked_for():
     assert 'Sampler "halton" "integer pixelsamples" [10]' in scene_text(4, 10)
 
 
-@pytest.mark.parametrize(("spp", "resolution", "albedo"), [(0, 8, 1), (1, 0, 1), (1, 8, 1.5), (1, 8, math.nan)])
-def test_a_scene_that_pbrt_cannot_render_is_refused(spp, resolution, albedo):
-    with pytest.raises(LightdomeError):
+@pytest.mark.parametrize(
+    ("spp", "resolution", "albedo", "words"),
+    [(0, 8, 1, "samples per pixel"), (1, 0, 1, "resolution"), (1, 8, 1.5, "albedo"), (1, 8, math.nan, "albedo")],
+)
+def test_a_scene_that_pbrt_cannot_render_is_refused(spp, resolution, albedo, words):
+    with pytest.raises(LightdomeError, match=words):
         scene_text(4, spp, resolution, albedo)
 
 
