@@ -22,9 +22,9 @@ def pytest_configure() -> None:
 
 @pytest.hookimpl(tryfirst=True)  # before pytest selects by marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark tests that run scripts as slow."""
+    """Mark tests that run scripts or other programs as slow."""
     for item in items:
-        if "script" in getattr(item, "fixturenames", ()):
+        if "script" in getattr(item, "fixturenames", ()) or item.get_closest_marker("peer"):
             item.add_marker(pytest.mark.slow)
 
 

@@ -121,6 +121,7 @@ def test_a_stage_beside_a_copy_is_held_against_it(device: Device) -> None:
     assert alone.bandwidth is None
 
 
+@pytest.mark.slow
 def test_pairs_and_arcs_are_those_of_the_sphere(device: Device) -> None:
     resolution, envmap = 33, EnvironmentMap(stiff_radiance(64, 128))
     disc = disc_mask(resolution)

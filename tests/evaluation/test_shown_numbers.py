@@ -299,6 +299,7 @@ def test_the_benchmark_s_files_hold_every_figure(tmp_path: Path) -> None:
         }
 
 
+@pytest.mark.slow
 def test_the_benchmark_s_script_prints_what_it_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -325,6 +325,7 @@ def run_table(table: ModuleType, monkeypatch: pytest.MonkeyPatch, *arguments: ob
     table.main()
 
 
+@pytest.mark.slow
 def test_the_script_writes_what_it_measured(
     table: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -348,6 +349,7 @@ def test_the_script_writes_what_it_measured(
     assert {p.name for p in tmp_path.iterdir()} == {f"stability.{s}" for s in ("csv", "json", "md", "png")}
 
 
+@pytest.mark.slow
 def test_a_case_that_fails_fails_the_script(
     table: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -388,6 +390,7 @@ def mitsuba() -> Iterator[peer_mitsuba_distribution.Mitsuba]:
         yield process
 
 
+@pytest.mark.peer
 def test_mitsuba_is_right_where_the_map_is_mild(mitsuba: peer_mitsuba_distribution.Mitsuba) -> None:
     radiance = np.random.default_rng(3).uniform(1, 2, (9, 14, 3)).astype(np.float32)
     figures = measure(mitsuba.sampler(radiance), Truth(radiance), DRAWS)
@@ -398,12 +401,14 @@ def test_mitsuba_is_right_where_the_map_is_mild(mitsuba: peer_mitsuba_distributi
     assert figures["zero"] == figures["nonfinite"] == 0
 
 
+@pytest.mark.peer
 def test_mitsuba_is_measured_not_judged(mitsuba: peer_mitsuba_distribution.Mitsuba) -> None:
     result = stability.run_peer(BY_NAME["log-normal noise, sigma 8"], "mitsuba", mitsuba.sampler, DRAWS)
     assert result.verdict == "measured"
     assert "p" in result.failures
 
 
+@pytest.mark.peer
 def test_a_mitsuba_that_crashes_costs_its_column_only() -> None:
     with started() as process:
 

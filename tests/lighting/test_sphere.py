@@ -121,6 +121,7 @@ def test_the_two_integrals_approach_each_other_as_one_over_the_height(device: De
     np.testing.assert_allclose(np.divide(differences[:-1], differences[1:]), 2, rtol=0.25)
 
 
+@pytest.mark.slow
 def test_areas_under_a_sun_of_one_pixel(device: Device) -> None:
     radiance = np.zeros((512, 1024, 3), np.float32)
     radiance[170, 204] = 1

@@ -291,6 +291,7 @@ def test_a_map_that_is_too_large_is_refused_with_the_option_that_helps(script: S
     assert not list((tmp_path / "out").iterdir())
 
 
+@pytest.mark.slow
 def test_points_on_the_steps_between_rows_find_the_rows_of_the_map_in_memory(device: Device, tmp_path: Path) -> None:
     # So many rows and samples that some dozen points lie on a step exactly.
     write_image(tmp_path / "map.pfm", np.ones((2**16, 1, 3), np.float32))
