@@ -7,12 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-import OpenImageIO as oiio
 
 PIXEL_TYPES = {np.dtype(np.uint32): 0, np.dtype(np.float16): 1, np.dtype(np.float32): 2}
 Box = tuple[int, int, int, int]
-
-CHROMA_IS_HIDDEN = oiio.VERSION < 30200  # by OpenImageIO, whose versions before say R, G, B and then fail
 
 
 def attribute(name: str, kind: str, value: bytes) -> bytes:

@@ -1,4 +1,4 @@
-"""Small image files, byte by byte: what readers are held to."""
+"""Maps of every format, byte for byte by their specifications; ``exr_bytes.py`` has EXR's layers and parts."""
 
 from __future__ import annotations
 

@@ -18,26 +18,16 @@ from types import ModuleType
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from helpers import LONG, ROOT, module_of
+from helpers import GRACE, LONG, ROOT, Script, command_line, module_of, script_path
 
 MAP = ROOT / "data" / "default.exr"
-MAKE = ROOT / "data" / "make_default_map.py"
-GET = ROOT / "scripts" / "get_grace.py"
 
 
-def script(path: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, str(path), *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=LONG,
-        env=quiet(),
-    )
-
-
-def quiet() -> dict[str, str]:
-    """The environment without proxies, which would stand between a test and its server."""
-    return {k: v for k, v in os.environ.items() if not k.lower().endswith("_proxy")}
+@pytest.fixture(autouse=True)
+def without_proxies(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Proxies would stand between a test and its server."""
+    for name in [name for name in os.environ if name.lower().endswith("_proxy")]:
+        monkeypatch.delenv(name)
 
 
 # --- the default map ------------------------------------------------------------------------------
@@ -111,7 +101,7 @@ def test_making_the_map_refuses_a_bad_target_before_the_work(
     monkeypatch.setattr(make, "render", lambda: pytest.fail("the work was begun"))
 
     def refused(name: str) -> tuple[object, str]:
-        monkeypatch.setattr(sys, "argv", [str(MAKE), "--out", str(tmp_path / name)])
+        monkeypatch.setattr(sys, "argv", ["make_default_map.py", "--out", str(tmp_path / name)])
         with pytest.raises(SystemExit) as exit_:
             make.run(make.main)
         return exit_.value.code, capsys.readouterr().err
@@ -191,9 +181,7 @@ def server() -> Iterator[str]:
 
 
 @pytest.fixture
-def get_grace(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    for name in set(os.environ) - set(quiet()):
-        monkeypatch.delenv(name)
+def get_grace() -> ModuleType:
     return module_of("get_grace")
 
 
@@ -222,17 +210,17 @@ def assert_failed(result: subprocess.CompletedProcess[str], folder: Path, *words
     ],
 )
 def test_a_bad_answer_is_one_line_and_leaves_nothing(
-    server: str, tmp_path: Path, path: str, words: tuple[str, ...]
+    script: Script, server: str, tmp_path: Path, path: str, words: tuple[str, ...]
 ) -> None:
     path = path.replace("/to/short", f"/to/{server}/short")
-    assert_failed(script(GET, "--from", server + path, "--out", tmp_path / "g.exr"), tmp_path, *words)
+    assert_failed(script("get_grace", "--from", server + path, "--out", tmp_path / "g.exr"), tmp_path, *words)
 
 
-def test_a_refused_connection_is_one_line(tmp_path: Path) -> None:
+def test_a_refused_connection_is_one_line(script: Script, tmp_path: Path) -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"http://127.0.0.1:{free.getsockname()[1]}/g.exr"
-    result = script(GET, "--from", address, "--out", tmp_path / "g.exr")
+    result = script("get_grace", "--from", address, "--out", tmp_path / "g.exr")
     assert_failed(result, tmp_path, "cannot read", "refused", "--from FILE")
 
 
@@ -244,11 +232,11 @@ def test_a_refused_connection_is_one_line(tmp_path: Path) -> None:
         ("no/such/file.exr", ("No such file",)),
         ("x" * 5000, ("cannot read",)),
         ("/dev/zero", ("more than 1,726,329 bytes",)),
-        (str(GET), ("not the Grace map",)),
+        (str(script_path("get_grace")), ("not the Grace map",)),
     ],
 )
-def test_a_bad_source_is_one_line(tmp_path: Path, source: str, words: tuple[str, ...]) -> None:
-    assert_failed(script(GET, "--from", source, "--out", tmp_path / "g.exr"), tmp_path, *words)
+def test_a_bad_source_is_one_line(script: Script, tmp_path: Path, source: str, words: tuple[str, ...]) -> None:
+    assert_failed(script("get_grace", "--from", source, "--out", tmp_path / "g.exr"), tmp_path, *words)
 
 
 def test_a_target_that_cannot_be_written_is_one_line(server: str, tmp_path: Path, get_grace: ModuleType) -> None:
@@ -264,10 +252,9 @@ def test_a_target_that_cannot_be_written_is_one_line(server: str, tmp_path: Path
 def test_a_signal_leaves_nothing(server: str, tmp_path: Path, number: int, status: int) -> None:
     Handler.listened.clear()
     process = subprocess.Popen(
-        [sys.executable, str(GET), "--from", server + "/endless", "--out", str(tmp_path / "g.exr")],
+        command_line("get_grace", "--from", server + "/endless", "--out", tmp_path / "g.exr"),
         stderr=subprocess.PIPE,
         text=True,
-        env=quiet(),
     )
     while not Handler.listened.wait(0.02):
         assert process.poll() is None
@@ -296,33 +283,23 @@ def test_a_failure_keeps_the_file_that_was_there(server: str, tmp_path: Path, ge
 
 
 def test_get_grace_needs_nothing_installed(tmp_path: Path) -> None:
-    command = [
-        sys.executable,
-        "-S",
-        "-I",
-        str(GET),
-        "--from",
-        "missing.exr",
-        "--out",
-        str(tmp_path / "g.exr"),
-    ]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=LONG)
+    python, *command = command_line("get_grace", "--from", "missing.exr", "--out", tmp_path / "g.exr")
+    result = subprocess.run([python, "-S", "-I", *command], capture_output=True, text=True, timeout=LONG)
     assert_failed(result, tmp_path, "No such file")
 
 
-def test_wrong_command_line_exits_with_2() -> None:
-    assert script(GET, "--form", "x").returncode == 2
+def test_wrong_command_line_exits_with_2(script: Script) -> None:
+    assert script("get_grace", "--form", "x").returncode == 2
 
 
-def test_the_real_grace_map_is_accepted_and_not_fetched_twice(tmp_path: Path) -> None:
-    grace = Path(os.environ.get("LIGHTDOME_GRACE") or ROOT / "data" / "grace_latlong.exr")
-    if not grace.is_file():
+def test_the_real_grace_map_is_accepted_and_not_fetched_twice(script: Script, tmp_path: Path) -> None:
+    if not GRACE.is_file():
         pytest.skip("needs the Grace map: run scripts/get_grace.py")
     out = tmp_path / "g.exr"
-    first = script(GET, "--from", grace, "--out", out)
+    first = script("get_grace", "--from", GRACE, "--out", out)
     assert (first.returncode, first.stderr) == (0, "")
     assert "Paul Debevec" in first.stdout
-    again = script(GET, "--from", "http://127.0.0.1:1/never", "--out", out)
+    again = script("get_grace", "--from", "http://127.0.0.1:1/never", "--out", out)
     assert again.returncode == 0
     assert "already there" in again.stdout
     assert [file.name for file in tmp_path.iterdir()] == ["g.exr"]

@@ -13,6 +13,8 @@ from helpers import LONG, Script, fails_in_one_line, stiff_radiance
 from lightdome.errors import exactly, shown
 from lightdome.maps.images import write_image
 
+pytestmark = pytest.mark.slow
+
 JUPYTER = "module://matplotlib_inline.backend_inline"
 ODD = os.fsdecode(b"od\xff d\xc3\xa9j\xc3\xa0")  # no UTF-8, as a folder of an old system has it
 

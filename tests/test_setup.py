@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from helpers import LONG, ROOT
 
+pytestmark = pytest.mark.slow
+
 # The system's programs that set-up, the stand-ins and nothing else may find.
 # fmt: off
 TOOLS = (

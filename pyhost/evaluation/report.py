@@ -118,7 +118,14 @@ def _options(results: Results, name: str, option: str) -> Any:
     return results.settings[name]["options"][option]
 
 
-def write(device: Device, envmap: EnvironmentMap, map_name: str, results: Results, out: Path) -> int:
+def write(
+    device: Device,
+    envmap: EnvironmentMap,
+    map_name: str,
+    results: Results,
+    out: Path,
+    _draw: Callable[[Device, EnvironmentMap, Results, Images, Path], None] | None = None,
+) -> int:
     """Write ``report.pdf``, the exact sphere's image and ``lightdome-report.zip`` into ``out``; the number of images.
 
     Raises :class:`LightdomeError` if a file cannot be read or written, no light falls on the sphere, or Typst is
@@ -139,7 +146,7 @@ def write(device: Device, envmap: EnvironmentMap, map_name: str, results: Result
 
     with tempfile.TemporaryDirectory(prefix="lightdome-") as name:
         folder = Path(name)
-        _draw(device, envmap, results, images, folder)
+        (_draw or draw)(device, envmap, results, images, folder)
         write_json(folder / "data.json", numbers(envmap, map_name, results, images))
         for file in TEMPLATE:
             shutil.copy(Path(__file__).with_name(file), folder)
@@ -150,8 +157,8 @@ def write(device: Device, envmap: EnvironmentMap, map_name: str, results: Result
     return len(packed)
 
 
-def _draw(device: Device, envmap: EnvironmentMap, results: Results, images: Images, folder: Path) -> None:
-    """All figures, by the names that ``report.typ`` knows them by."""
+def draw(device: Device, envmap: EnvironmentMap, results: Results, images: Images, folder: Path) -> None:
+    """Write all figures into ``folder``, by the names that ``report.typ`` knows them by."""
     shared, per_pixel = images.named()
     points = _points(results)
     figures: dict[str, Callable[[], Figure]] = {

@@ -84,6 +84,7 @@ def test_the_slope_is_the_exponent() -> None:
     assert metrics.slope(points[:1]) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "count", "tolerance"),
     [
@@ -130,6 +131,7 @@ def test_every_method_is_in_that_test(device: Device) -> None:
     assert tested == set(benchmark.methods(device, EnvironmentMap(np.ones((4, 8, 3))), R))
 
 
+@pytest.mark.slow
 def test_the_script_end_to_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -26,6 +26,8 @@ from lightdome.opencl.device import Device
 from lightdome.pbrt.run import Pbrt
 from lightdome.pbrt.scenes import Scene
 
+pytestmark = pytest.mark.slow  # most work for seconds, or start a stand-in
+
 SIZE = 48
 
 

@@ -124,6 +124,7 @@ def test_a_stage_beside_a_copy_is_held_against_it(device: Device) -> None:
     assert alone.bandwidth is None
 
 
+@pytest.mark.slow
 def test_pairs_and_arcs_are_those_of_the_sphere(device: Device) -> None:
     resolution, envmap = 33, EnvironmentMap(stiff_radiance(64, 128))
     disc = disc_mask(resolution)
@@ -155,6 +156,7 @@ def test_harmonics_count_their_terms(device: Device) -> None:
     assert harmonics(device, 33).work.operations == (filtered + 2 * 66) * disc_mask(33).sum()
 
 
+@pytest.mark.slow
 def test_the_script_holds_every_stage_against_its_limit(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     write_image(tmp_path / "map.pfm", stiff_radiance(16, 32))
     out = tmp_path / "out"

@@ -99,7 +99,7 @@ def test_images_end_at_the_ends_of_float32(device: Device, value: float) -> None
         "albedo 0, 1, 1.5, 1e6",
         "light exactly at the rim",
         "light exactly behind",
-        "white furnace",
+        pytest.param("white furnace", marks=pytest.mark.slow),
         "one sun of 1e20: samples are the image",
         "eta 1 - 1e-7, 1, 1 + 1e-7",
     ],
@@ -216,6 +216,37 @@ def test_draws_that_are_too_even_for_chance_fail(device: Device, stiff: Environm
     assert Result("even", "", "", figures).failures == ["chi2"]
 
 
+def test_each_million_draws_has_a_seed_of_its_own(device: Device) -> None:
+    asked: list[tuple[int, int]] = []
+
+    class Noted(Lightdome):
+        def draw(self, count: int, seed: int) -> Samples:
+            asked.append((count, seed))
+            return super().draw(count, seed)
+
+    radiance = np.ones((1, 2, 3), np.float32)
+    measure_sampler(
+        Noted(build_distribution(device, EnvironmentMap(radiance))), Truth(radiance), 2 * stability.BLOCK + 3
+    )
+    assert [count for count, _ in asked] == [stability.BLOCK, stability.BLOCK, 3]
+    assert len({seed for _, seed in asked}) == 3
+
+
+def test_pixels_outside_the_disc_are_no_fault_of_a_peer(device: Device, stiff: EnvironmentMap) -> None:
+    def filled(image: np.ndarray) -> np.ndarray:
+        return np.where(disc_mask(len(image))[..., None], image, 1)
+
+    def peer(radiance: np.ndarray) -> Broken:
+        return Broken(device, EnvironmentMap(radiance), image=filled)
+
+    own = measure_sampler(peer(stiff.radiance), Truth(stiff.radiance), 1000)
+    assert Result("lightdome", "", "", own).failures == ["wrong"]
+    case = Case("a map", "none", lambda *_: [], maps=lambda: [stiff.radiance])
+    result = stability.run_peer(case, "peer", peer, 1000)
+    assert result.figures.keys() == own.keys() - {"wrong"}
+    assert not result.failures
+
+
 def test_a_wrong_flux_fails(device: Device, stiff: EnvironmentMap) -> None:
     sampler = Lightdome(build_distribution(device, stiff))
     sampler.flux *= 1 + 3e-6
@@ -297,6 +328,7 @@ def run_table(table: ModuleType, monkeypatch: pytest.MonkeyPatch, *arguments: ob
     table.main()
 
 
+@pytest.mark.slow
 def test_the_script_writes_what_it_measured(
     table: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -319,6 +351,7 @@ def test_the_script_writes_what_it_measured(
     assert {p.name for p in tmp_path.iterdir()} == {f"stability.{s}" for s in ("csv", "json", "png")}
 
 
+@pytest.mark.slow
 def test_a_case_that_fails_fails_the_script(
     table: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -359,6 +392,7 @@ def mitsuba() -> Iterator[peer_mitsuba_distribution.MitsubaSamplers]:
         yield process
 
 
+@pytest.mark.peer
 def test_mitsuba_is_right_where_the_map_is_mild(mitsuba: peer_mitsuba_distribution.MitsubaSamplers) -> None:
     radiance = np.random.default_rng(3).uniform(1, 2, (9, 14, 3)).astype(np.float32)
     figures = measure_sampler(mitsuba.sampler(radiance), Truth(radiance), DRAWS)
@@ -369,12 +403,14 @@ def test_mitsuba_is_right_where_the_map_is_mild(mitsuba: peer_mitsuba_distributi
     assert figures["zero"] == figures["nonfinite"] == 0
 
 
+@pytest.mark.peer
 def test_mitsuba_is_measured_not_judged(mitsuba: peer_mitsuba_distribution.MitsubaSamplers) -> None:
     result = stability.run_peer(BY_NAME["log-normal noise, sigma 8"], "mitsuba", mitsuba.sampler, DRAWS)
     assert result.verdict == "measured"
     assert "p" in result.failures
 
 
+@pytest.mark.peer
 def test_a_mitsuba_that_crashes_costs_its_column_only() -> None:
     with started() as process:
         os.kill(process._process._process.pid, signal.SIGABRT)

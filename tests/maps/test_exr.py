@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from exr_bytes import CHROMA_IS_HIDDEN, Part, exr_file, planes
-from helpers import Script, fails_in_one_line
+from exr_bytes import Part, exr_file, planes
+from helpers import CHROMA_IS_HIDDEN, Script, fails_in_one_line
 from lightdome.errors import LightdomeError
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import ImageRows, read_image

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from exr_bytes import CHROMA_IS_HIDDEN
+from helpers import CHROMA_IS_HIDDEN
 from lightdome.errors import LightdomeError
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import ImageRows, read_image

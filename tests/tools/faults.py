@@ -113,7 +113,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "interrupts.py": ("test_interrupted.py::test_the_exit_status_says_which_signal_ended_a_script",),
     "launch.py": ("test_launch.py", "test_launches.py"),
     "lights.py": ("test_lights.py",),
-    "markers.py": ("test_scripts.py",),
+    "markers.py": ("test_markers.py", "test_scripts.py"),
     "median_cut.py": CUT,
     "run.py": ("test_pbrt.py",),
     "scenes.py": ("test_pbrt.py",),
@@ -1063,13 +1063,6 @@ FAULTS: list[Fault] = [
         "if len(arguments) > len(bound):",
         "if False:",
         "a check removed",
-    ),
-    host(
-        "signature: one branch of a condition is taken always",
-        "signature.py",
-        "elif all(taken):",
-        "else:",
-        "a preprocessor that looks at no condition",
     ),
     # ---- the host: images ----
     host(
