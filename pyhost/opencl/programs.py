@@ -74,11 +74,6 @@ class Kernel:
         self._signature = signature
         self._process = os.getpid()
 
-    @property
-    def parameters(self) -> set[str]:
-        """The names of its arguments."""
-        return {parameter.name for parameter in self._signature.parameters}
-
     def __call__(
         self,
         queue: cl.CommandQueue,
@@ -125,6 +120,10 @@ class Programs:
     def text(self, name: str) -> str:
         """What the kernel ``name`` is compiled from: ``clkernels/name.cl`` with all its headers."""
         return source(f"{name}.cl")
+
+    def parameters(self, name: str) -> set[str]:
+        """The names of the arguments of the kernel ``name``."""
+        return {parameter.name for parameter in signature(name, self.text(name)).parameters}
 
     def check_process(self) -> None:
         """Raise :class:`LightdomeError` in a process that was forked from the one that opened the device."""

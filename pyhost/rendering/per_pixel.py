@@ -175,7 +175,7 @@ def _launch(
             offset = mean
     flux = 3 * distribution.flux * (cdf.total / distribution.total)
     name = f"rendering/render_{estimator}"
-    wanted = device.kernel(name, **_in_blocks(device, defines)).parameters
+    wanted = device.programs.parameters(name)
     arguments: dict[str, Argument] = {argument: getattr(of_map, argument) for argument in OF_MAP if argument in wanted}
     if "row_cdf" in wanted:
         device.decisions.use("guide tables", "every sample of every pixel searches the map")
@@ -184,7 +184,7 @@ def _launch(
         device.decisions.skip("guide tables", "directions of the cosine need no search")
     factors = {"offset": offset, "k": np.pi / (flux * of_map.scale)}
     arguments |= {factor: value for factor, value in factors.items() if factor in wanted}
-    return partial(_render, device, name, disc, defines, **arguments), flux
+    return _in_blocks(device, name, disc, defines, **arguments), flux
 
 
 def _product_launch(
@@ -192,8 +192,7 @@ def _product_launch(
 ) -> Callable[..., None]:
     """The kernel ``render_product``, given all but its last arguments."""
     of_map = distribution.map
-    return partial(
-        _render,
+    return _in_blocks(
         distribution.device,
         "rendering/render_product",
         disc,
@@ -219,14 +218,18 @@ def _product_launch(
     )
 
 
-def _render(device: Device, name: str, disc: np.ndarray, defines: dict[str, int], **arguments: Argument) -> None:
-    """Launch the kernel ``name``, whose work-items have a block of the disc's pixels each."""
-    defines = _in_blocks(device, defines)
-    blocks = -(-len(disc) // defines["BLOCK"])
-    disc_array = memory.upload(device, disc)
-    device.launch(name, (blocks,), stage="render", defines=defines, disc=disc_array, pixel_count=len(disc), **arguments)
-
-
-def _in_blocks(device: Device, defines: dict[str, int]) -> dict[str, int]:
-    """``defines`` with the number of pixels that a work-item renders."""
-    return {"BLOCK": 1 if device.is_gpu else PIXELS_A_BLOCK, **defines}
+def _in_blocks(
+    device: Device, name: str, disc: np.ndarray, defines: dict[str, int], **arguments: Argument
+) -> Callable[..., None]:
+    """The kernel ``name``, a work-item for each block of the disc's pixels, given these arguments."""
+    block = 1 if device.is_gpu else PIXELS_A_BLOCK
+    return partial(
+        device.launch,
+        name,
+        (-(-len(disc) // block),),
+        stage="render",
+        defines={"BLOCK": block, **defines},
+        disc=memory.upload(device, disc),
+        pixel_count=len(disc),
+        **arguments,
+    )
