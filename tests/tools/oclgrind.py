@@ -8,9 +8,9 @@ Exits with 1 if Oclgrind has any finding, if it misses the faults of a kernel th
 kernel of clkernels/ did not run.
 
 The search for what was never set is for row_cdf, marginal_cdf, guide, choose_rows, sample and sample_at with and
-without guides, shade, harmonics, render_light, render_bsdf and render_mis in the shape for a GPU, since that of Oclgrind
-21.10 cannot follow all vectors: it takes lane 11 of any for never set where the memory was used before, and for a lane
-that does not matter it reads outside its own memory.
+without guides, shade, harmonics, render_light, render_bsdf and render_mis in the shape for a GPU, since that of
+Oclgrind 21.10 cannot follow all vectors: it takes lane 11 of any for never set where the memory was used before, and
+for a lane that does not matter it reads outside its own memory.
 tests/opencl/test_devices.py searches all kernels for it in another way.
 """
 
@@ -28,6 +28,7 @@ import pyopencl as cl
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from helpers import ROOT, stiff_radiance
+from lightdome import progress
 from lightdome.evaluation import roofline
 from lightdome.lighting.exact import PIXELS, exact
 from lightdome.lighting.harmonics import Harmonics, project, shade_harmonics
@@ -86,6 +87,7 @@ class Simulator(Device):
 def main() -> None:
     """Start this program under Oclgrind: with the broken kernel, with all, with those it finds no false faults in."""
     if len(sys.argv) > 1:
+        progress.LINE_PATIENCE = np.inf  # whatever is written is a finding
         {"broken": run_broken, "all": run_all, "clean": run_clean}[sys.argv[1]]()
         return
     found = findings("broken", "--data-races", "--uninitialized")
