@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import csv
+import json
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -41,6 +43,20 @@ def replacing(path: str | Path) -> Iterator[Path]:
         with suppress(OSError):  # as where the folder is none
             temporary.unlink(missing_ok=True)
         _unfinished.discard(temporary)
+
+
+def write_json(path: str | Path, content: Mapping[str, object], allow_nan: bool = False) -> None:
+    """Write ``content`` as JSON for people to read too; ``ValueError`` for a number that is none, unless allowed."""
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=2, allow_nan=allow_nan) + "\n", encoding="utf-8")
+
+
+def write_table(path: str | Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Write ``rows`` of values under the names of their ``columns`` as CSV; None is blank."""
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(rows)
 
 
 def abandon() -> None:

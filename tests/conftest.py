@@ -5,10 +5,9 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-import sys
 
 import pytest
-from helpers import GRACE, LONG, Script, in_gpu_shape, script_path, stiff_radiance
+from helpers import GRACE, LONG, Script, command_line, in_gpu_shape, stiff_radiance
 from lightdome.errors import LightdomeError
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.opencl.device import Device, open_device
@@ -19,6 +18,14 @@ def pytest_configure() -> None:
     """Let programs that tests start hear SIGINT, even if the suite itself runs as a shell's background job."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.hookimpl(tryfirst=True)  # before pytest selects by marks
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark tests that run scripts or other programs as slow."""
+    for item in items:
+        if "script" in getattr(item, "fixturenames", ()) or item.get_closest_marker("peer"):
+            item.add_marker(pytest.mark.slow)
 
 
 @pytest.fixture(scope="session")
@@ -60,7 +67,7 @@ def script() -> Script:
     """Run ``scripts/NAME.py`` with arguments in a process of its own."""
 
     def run(name: str, *args: object, **environment: str) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, str(script_path(name)), *map(str, args)]
+        command = command_line(name, *args)
         return subprocess.run(command, capture_output=True, text=True, timeout=LONG, env={**os.environ, **environment})
 
     return run

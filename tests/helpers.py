@@ -13,12 +13,14 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+import OpenImageIO as oiio
 from lightdome.opencl.device import Device
 from lightdome.opencl.programs import Programs
 
 ROOT = Path(__file__).resolve().parent.parent
 LONG = 600.0  # seconds in which a child that does not hang has ended, however slow or shared the machine is
 GRACE = Path(os.environ.get("LIGHTDOME_GRACE", ROOT / "data" / "grace_latlong.exr"))
+CHROMA_IS_HIDDEN = oiio.VERSION < 30200  # by OpenImageIO, whose versions before say R, G, B and then fail
 
 
 class SmallLaunches:
@@ -80,9 +82,7 @@ def fails_in_one_line(result: subprocess.CompletedProcess[str], *words: str) -> 
         assert word in result.stderr
 
 
-COMMANDS = [
-    path.stem for path in sorted((ROOT / "pyhost" / "commands").glob("*.py")) if (ROOT / "scripts" / path.name).exists()
-]
+SCRIPTS = sorted(path.stem for path in (ROOT / "scripts").glob("[!_]*.py"))
 
 
 def script_path(name: str) -> Path:
@@ -91,11 +91,16 @@ def script_path(name: str) -> Path:
     return path
 
 
+def command_line(name: str, *arguments: object) -> list[str]:
+    """What runs a script in a process of its own."""
+    return [sys.executable, *map(str, (script_path(name), *arguments))]
+
+
 def module_of(name: str) -> ModuleType:
     """The module of a command, or of a program that is only a script: get_grace, get_pbrt, make_default_map."""
-    if name in COMMANDS:
-        return import_module(f"lightdome.commands.{name}")
     path = script_path(name)
+    if (ROOT / "pyhost" / "commands" / path.name).exists():
+        return import_module(f"lightdome.commands.{name}")
     if str(path.parent) not in sys.path:
         sys.path.append(str(path.parent))
     spec = importlib.util.spec_from_file_location(f"script_{name}", path)

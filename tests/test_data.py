@@ -11,7 +11,6 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -19,26 +18,16 @@ from types import ModuleType
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from helpers import LONG, ROOT, module_of
+from helpers import GRACE, LONG, ROOT, Script, command_line, module_of, script_path
 
 MAP = ROOT / "data" / "default.exr"
-MAKE = ROOT / "data" / "make_default_map.py"
-GET = ROOT / "scripts" / "get_grace.py"
 
 
-def script(path: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, str(path), *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=LONG,
-        env=quiet(),
-    )
-
-
-def quiet() -> dict[str, str]:
-    """The environment without proxies, which would stand between a test and its server."""
-    return {k: v for k, v in os.environ.items() if not k.lower().endswith("_proxy")}
+@pytest.fixture(autouse=True)
+def without_proxies(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Proxies would stand between a test and its server."""
+    for name in [name for name in os.environ if name.lower().endswith("_proxy")]:
+        monkeypatch.delenv(name)
 
 
 # --- the default map ------------------------------------------------------------------------------
@@ -112,7 +101,7 @@ def test_making_the_map_refuses_a_bad_target_before_the_work(
     monkeypatch.setattr(make, "render", lambda: pytest.fail("the work was begun"))
 
     def refused(name: str) -> tuple[object, str]:
-        monkeypatch.setattr(sys, "argv", [str(MAKE), "--out", str(tmp_path / name)])
+        monkeypatch.setattr(sys, "argv", ["make_default_map.py", "--out", str(tmp_path / name)])
         with pytest.raises(SystemExit) as exit_:
             make.run(make.main)
         return exit_.value.code, capsys.readouterr().err
@@ -129,10 +118,12 @@ def test_making_the_map_refuses_a_bad_target_before_the_work(
 
 SIZE = 1_726_329
 BODY = bytes(range(256)) * 40
+GOOD = {"size": len(BODY), "sha256": hashlib.sha256(BODY).hexdigest()}
 
 
 class Handler(http.server.BaseHTTPRequestHandler):
     stop: threading.Event  # set when the fixture ends: lets slow answers go
+    listened = threading.Event()  # set when half of an endless answer is sent
 
     def log_message(self, *_: object) -> None: ...
 
@@ -161,17 +152,9 @@ class Handler(http.server.BaseHTTPRequestHandler):
                 self.wfile.write(bytes(1 << 16))
         elif path == "/broken":
             self.answer(bytes(SIZE // 2), SIZE)
-        elif path == "/hang":
-            self.answer(bytes(SIZE // 2), SIZE)
-            self.stop.wait(60)
-        elif path == "/drip":
-            self.answer(b"", len(BODY))
-            for _ in range(200):
-                if self.stop.wait(0.05):
-                    return
-                self.wfile.write(b".")
         elif path == "/endless":  # never silent, so that only a signal ends who listens
             self.answer(bytes(SIZE // 2), SIZE)
+            self.listened.set()
             while not self.stop.wait(0.05):
                 self.wfile.write(b".")
         elif path == "/garbage":
@@ -198,9 +181,7 @@ def server() -> Iterator[str]:
 
 
 @pytest.fixture
-def get_grace(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    for name in set(os.environ) - set(quiet()):
-        monkeypatch.delenv(name)
+def get_grace() -> ModuleType:
     return module_of("get_grace")
 
 
@@ -221,76 +202,62 @@ def assert_failed(result: subprocess.CompletedProcess[str], folder: Path, *words
         ("/wrong", ("not the Grace map", "SHA-256", "--from FILE")),
         ("/short", ("not the Grace map", "1,000 bytes instead of 1,726,329")),
         ("/unlimited", ("not the Grace map", "more than 1,726,329 bytes")),
-        ("/broken", ("broke off", "863,164 of 1,726,329", "try again")),
+        ("/broken", ("863,164 bytes instead of 1,726,329", "try again")),
         ("/missing", ("404", "--from FILE")),
-        ("/garbage", ("cannot fetch", "--from FILE")),
+        ("/garbage", ("cannot read", "--from FILE")),
         ("/to/short", ("not the Grace map",)),
-        ("/to/ftp://127.0.0.1/grace.exr", ("not http or https",)),
         ("/to/file:///etc/hostname", ("file:///etc/hostname", "not allowed")),
     ],
 )
 def test_a_bad_answer_is_one_line_and_leaves_nothing(
-    server: str, tmp_path: Path, path: str, words: tuple[str, ...]
+    script: Script, server: str, tmp_path: Path, path: str, words: tuple[str, ...]
 ) -> None:
     path = path.replace("/to/short", f"/to/{server}/short")
-    assert_failed(script(GET, "--from", server + path, "--out", tmp_path / "g.exr"), tmp_path, *words)
+    assert_failed(script("get_grace", "--from", server + path, "--out", tmp_path / "g.exr"), tmp_path, *words)
 
 
-def test_a_refused_connection_is_one_line(tmp_path: Path) -> None:
+def test_a_refused_connection_is_one_line(script: Script, tmp_path: Path) -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"http://127.0.0.1:{free.getsockname()[1]}/g.exr"
-    result = script(GET, "--from", address, "--out", tmp_path / "g.exr")
-    assert_failed(result, tmp_path, "cannot fetch", "refused", "--from FILE")
+    result = script("get_grace", "--from", address, "--out", tmp_path / "g.exr")
+    assert_failed(result, tmp_path, "cannot read", "refused", "--from FILE")
 
 
 @pytest.mark.parametrize(
     ("source", "words"),
     [
-        ("ftp://127.0.0.1/g.exr", ("only http, https and paths",)),
-        ("file:///etc/hostname", ("only http, https and paths",)),
-        ("http://", ("not a proper address",)),
-        ("http://127.0.0.1:99999/", ("not a proper address",)),
-        ("http://127.0.0.1/a b", ("not a proper address",)),
-        ("no/such/file.exr", ("no such file",)),
+        ("file:///etc/hostname", ("No such file",)),
+        ("http://", ("cannot read",)),
+        ("no/such/file.exr", ("No such file",)),
         ("x" * 5000, ("cannot read",)),
-        ("/dev/zero", ("not a regular file",)),
-        (str(GET), ("not the Grace map",)),
+        ("/dev/zero", ("more than 1,726,329 bytes",)),
+        (str(script_path("get_grace")), ("not the Grace map",)),
     ],
 )
-def test_a_bad_source_is_one_line(tmp_path: Path, source: str, words: tuple[str, ...]) -> None:
-    assert_failed(script(GET, "--from", source, "--out", tmp_path / "g.exr"), tmp_path, *words)
+def test_a_bad_source_is_one_line(script: Script, tmp_path: Path, source: str, words: tuple[str, ...]) -> None:
+    assert_failed(script("get_grace", "--from", source, "--out", tmp_path / "g.exr"), tmp_path, *words)
 
 
-def test_a_target_that_cannot_be_written_is_one_line(server: str, tmp_path: Path) -> None:
-    for out in (tmp_path / "missing" / "g.exr", tmp_path, tmp_path / ("x" * 300), Path(os.devnull)):
-        assert_failed(script(GET, "--from", server + "/wrong", "--out", out), tmp_path, "--out")
+def test_a_target_that_cannot_be_written_is_one_line(server: str, tmp_path: Path, get_grace: ModuleType) -> None:
+    for out in (tmp_path / "missing" / "g.exr", tmp_path, Path(os.devnull)):
+        with pytest.raises(SystemExit, match=r"^get_grace: cannot write .* with --out$"):
+            get_grace.fetch(server + "/good", out, **GOOD)
     assert not Path(os.devnull).is_file()
-
-
-@pytest.mark.skipif(os.name != "posix", reason="needs ulimit")
-def test_a_full_disk_is_one_line(server: str, tmp_path: Path) -> None:
-    # A limit on the size of files stands in for a full disk: write fails half-way in the same manner.
-    command = 'ulimit -f 64; exec "$@"'
-    arguments = [sys.executable, str(GET), "--from", server + "/wrong", "--out", str(tmp_path / "g.exr")]
-    result = subprocess.run(
-        ["sh", "-c", command, "sh", *arguments], capture_output=True, text=True, timeout=LONG, env=quiet()
-    )
-    assert_failed(result, tmp_path, "cannot write", "free 1.7 MB", "--out")
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_leaves_nothing(server: str, tmp_path: Path, number: int, status: int) -> None:
+    Handler.listened.clear()
     process = subprocess.Popen(
-        [sys.executable, str(GET), "--from", server + "/endless", "--out", str(tmp_path / "g.exr")],
+        command_line("get_grace", "--from", server + "/endless", "--out", tmp_path / "g.exr"),
         stderr=subprocess.PIPE,
         text=True,
-        env=quiet(),
     )
-    while not any(file.stat().st_size for file in tmp_path.iterdir()):
+    while not Handler.listened.wait(0.02):
         assert process.poll() is None
-        time.sleep(0.02)
     process.send_signal(number)
     _, errors = process.communicate(timeout=LONG)
     assert process.returncode == status, errors
@@ -298,73 +265,41 @@ def test_a_signal_leaves_nothing(server: str, tmp_path: Path, number: int, statu
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_dripping_server_is_given_up(
-    server: str, tmp_path: Path, get_grace: ModuleType, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(get_grace, "DEADLINE", 0.5)
-    with pytest.raises(get_grace.GraceError, match=r"gave up on .*: only \d\d? bytes in 0.5 seconds"):
-        get_grace.fetch(server + "/drip", tmp_path / "g.exr")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_silent_server_is_given_up(
-    server: str, tmp_path: Path, get_grace: ModuleType, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(get_grace, "SILENCE", 0.3)
-    with pytest.raises(get_grace.GraceError, match=r"no answer for 0.3 seconds"):  # on a slow machine not even headers
-        get_grace.fetch(server + "/hang", tmp_path / "g.exr")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_the_right_file_arrives_and_replaces_a_wrong_one(server: str, tmp_path: Path, get_grace: ModuleType) -> None:
-    expected = {"size": len(BODY), "sha256": hashlib.sha256(BODY).hexdigest()}
     out = tmp_path / "g.exr"
     out.write_bytes(b"wrong")
-    assert not get_grace.matches(out, **expected)
-    get_grace.fetch(f"{server}/to/{server}/good", out, **expected)
+    get_grace.fetch(f"{server}/to/{server}/good", out, **GOOD)
     assert out.read_bytes() == BODY
-    assert get_grace.matches(out, **expected)
-    get_grace.fetch(str(out), tmp_path / "copy.exr", **expected)
+    get_grace.fetch(str(out), tmp_path / "copy.exr", **GOOD)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["copy.exr", "g.exr"]
 
 
 def test_a_failure_keeps_the_file_that_was_there(server: str, tmp_path: Path, get_grace: ModuleType) -> None:
     out = tmp_path / "g.exr"
     out.write_bytes(b"mine")
-    with pytest.raises(get_grace.GraceError):
+    with pytest.raises(SystemExit, match="not the Grace map"):
         get_grace.fetch(server + "/good", out)
     assert out.read_bytes() == b"mine"
 
 
 def test_get_grace_needs_nothing_installed(tmp_path: Path) -> None:
-    command = [
-        sys.executable,
-        "-S",
-        "-I",
-        str(GET),
-        "--from",
-        "missing.exr",
-        "--out",
-        str(tmp_path / "g.exr"),
-    ]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=LONG)
-    assert_failed(result, tmp_path, "no such file")
+    python, *command = command_line("get_grace", "--from", "missing.exr", "--out", tmp_path / "g.exr")
+    result = subprocess.run([python, "-S", "-I", *command], capture_output=True, text=True, timeout=LONG)
+    assert_failed(result, tmp_path, "No such file")
 
 
-def test_wrong_command_line_exits_with_2() -> None:
-    assert script(GET, "--form", "x").returncode == 2
-    assert script(GET, "--from", "").returncode == 2
+def test_wrong_command_line_exits_with_2(script: Script) -> None:
+    assert script("get_grace", "--form", "x").returncode == 2
 
 
-def test_the_real_grace_map_is_accepted_and_not_fetched_twice(tmp_path: Path) -> None:
-    grace = Path(os.environ.get("LIGHTDOME_GRACE") or ROOT / "data" / "grace_latlong.exr")
-    if not grace.is_file():
+def test_the_real_grace_map_is_accepted_and_not_fetched_twice(script: Script, tmp_path: Path) -> None:
+    if not GRACE.is_file():
         pytest.skip("needs the Grace map: run scripts/get_grace.py")
     out = tmp_path / "g.exr"
-    first = script(GET, "--from", grace, "--out", out)
+    first = script("get_grace", "--from", GRACE, "--out", out)
     assert (first.returncode, first.stderr) == (0, "")
     assert "Paul Debevec" in first.stdout
-    again = script(GET, "--from", "http://127.0.0.1:1/never", "--out", out)
+    again = script("get_grace", "--from", "http://127.0.0.1:1/never", "--out", out)
     assert again.returncode == 0
     assert "already there" in again.stdout
     assert [file.name for file in tmp_path.iterdir()] == ["g.exr"]

@@ -12,15 +12,16 @@ import pytest
 from helpers import LONG, ROOT
 
 
-@pytest.mark.parametrize("script", ["part2_sample", "part4_pbrt", "bench", "report"])
-def test_the_default_map_is_grace_if_it_is_there(script: str, tmp_path: Path) -> None:
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["part2_sample", "part4_pbrt", "bench", "report"])
+def test_the_default_map_is_grace_if_it_is_there(name: str, tmp_path: Path) -> None:
     data, scripts = tmp_path / "data", tmp_path / "scripts"
     shutil.copytree(ROOT / "scripts", scripts, ignore=shutil.ignore_patterns("__pycache__"))
     data.mkdir()
-    for name in ("default.exr", "grace_latlong.exr"):
-        (data / name).touch()
-        command = [sys.executable, str(scripts / f"{script}.py"), "--help"]
+    for map_name in ("default.exr", "grace_latlong.exr"):
+        (data / map_name).touch()
+        command = [sys.executable, str(scripts / f"{name}.py"), "--help"]
         wide = {**os.environ, "COLUMNS": "1000"}
         result = subprocess.run(command, capture_output=True, text=True, timeout=LONG, env=wide, check=True)
         (line,) = (line for line in result.stdout.splitlines() if line.lstrip().startswith("--map "))
-        assert line.endswith(f"(default: {data / name})")
+        assert line.endswith(f"(default: {data / map_name})")

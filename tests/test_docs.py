@@ -19,11 +19,12 @@ from pathlib import Path
 
 import lightdome
 import pytest
-from helpers import LONG, ROOT, Script
+from helpers import LONG, ROOT, SCRIPTS, Script
 from lightdome.maps.images import read_image, write_image
 
+pytestmark = pytest.mark.slow
+
 PAGES = [*ROOT.glob("*.md"), ROOT / "data" / "README.md", *(ROOT / "docs").rglob("*.md")]
-SCRIPTS = sorted(path.stem for path in (ROOT / "scripts").glob("[!_]*.py"))
 LANGUAGES = {"sh", "python", "math", "bibtex", "text"}
 NOT_RUN = "# not run by the tests: "
 

@@ -13,6 +13,8 @@ from helpers import LONG, Script, fails_in_one_line, stiff_radiance
 from lightdome.errors import exactly, shown
 from lightdome.maps.images import write_image
 
+pytestmark = pytest.mark.slow
+
 JUPYTER = "module://matplotlib_inline.backend_inline"
 ODD = os.fsdecode(b"od\xff d\xc3\xa9j\xc3\xa0")  # no UTF-8, as a folder of an old system has it
 
@@ -51,11 +53,12 @@ def test_a_user_s_matplotlib_keeps_the_backend_that_he_asks_for(tmp_path: Path) 
 
 def test_a_user_s_settings_of_matplotlib_do_not_change_a_plot(tmp_path: Path) -> None:
     program = (
-        "from lightdome.evaluation.benchmark import Measurement\n"
-        "from lightdome.evaluation.benchmark_plot import error_against_time, save\n"
+        "from lightdome.evaluation.benchmark import MethodMeasurement\n"
+        "from lightdome.evaluation.benchmark_plot import error_against_time\n"
+        "from lightdome.plotting import save_figure\n"
         "from pathlib import Path\n"
-        "points = [Measurement('sobol', 'shared', n, 1, 1 / n, 0, 0, 0, n / 1e3, 0, 0) for n in (4, 16)]\n"
-        "save(error_against_time(points, 'a $name$ with \\\\frac, 日, \\udcff'), Path('plot.png'))\n"
+        "points = [MethodMeasurement('sobol', 'shared', n, 1, 1 / n, 0, 0, 0, n / 1e3, 0, 0) for n in (4, 16)]\n"
+        "save_figure(error_against_time(points, 'a $name$ with \\\\frac, 日, \\udcff'), Path('plot.png'))\n"
     )
     pictures = []
     for settings in (

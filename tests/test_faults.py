@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
 
-from helpers import ROOT
-
-sys.path.append(str(ROOT / "tests" / "tools"))
 import faults
 import mutate
+from helpers import ROOT
 
 
 def test_every_fault_can_be_put_in_and_changes_something() -> None:

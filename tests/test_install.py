@@ -17,12 +17,13 @@ from types import SimpleNamespace
 
 import lightdome
 import pytest
-from helpers import LONG, ROOT, fails_in_one_line
+from helpers import LONG, ROOT, SCRIPTS, fails_in_one_line, script_path
 from lightdome import cache
 from lightdome.errors import LightdomeError
 from lightdome.opencl.device import Device
 
-SCRIPTS = sorted((ROOT / "scripts").glob("[!_]*.py"))
+pytestmark = pytest.mark.slow
+
 LESSONS = sorted((ROOT / "docs" / "tutorial").glob("*.py"))
 OPENCL = ("OCL_ICD_VENDORS", "LD_LIBRARY_PATH", "PYOPENCL_CTX")  # which implementation, and what it needs
 
@@ -67,20 +68,20 @@ def has_venv(clone: Path) -> None:
 WITHOUT_PACKAGES = (sys.executable, "-S")  # as a Python in which lightdome is not installed
 
 
-@pytest.mark.parametrize("name", [path.name for path in SCRIPTS if path.stem != "get_grace"])
+@pytest.mark.parametrize("name", [name for name in SCRIPTS if name != "get_grace"])
 def test_a_script_goes_on_in_venv(clone: Path, name: str) -> None:
     link = clone.parent / "link.py"
-    link.symlink_to(clone / "scripts" / name)
+    link.symlink_to(clone / "scripts" / f"{name}.py")
     fails_in_one_line(run(*WITHOUT_PACKAGES, link), f"'{clone}/scripts/demo'")
     has_venv(clone)
     result = run(*WITHOUT_PACKAGES, "link.py", "--map", "a b", cwd=clone.parent)
     assert result.stdout.splitlines() == ["of .venv", "-S", "link.py", "--map", "a b"], result.stderr
 
 
-@pytest.mark.parametrize("name", [path.name for path in SCRIPTS])
+@pytest.mark.parametrize("name", SCRIPTS)
 def test_a_script_finds_its_start_with_a_safe_path(name: str, tmp_path: Path) -> None:
     """As with PYTHONSAFEPATH: Python leaves out the folder of the script, and so what lies beside it."""
-    result = run(sys.executable, "-I", ROOT / "scripts" / name, "--help", cwd=tmp_path)
+    result = run(sys.executable, "-I", script_path(name), "--help", cwd=tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
 
 
@@ -114,15 +115,15 @@ def test_a_venv_without_lightdome_is_one_line(clone: Path) -> None:
     fails_in_one_line(run(*WITHOUT_PACKAGES, clone / "scripts" / "part2_sample.py"), "scripts/demo")
 
 
-@pytest.mark.parametrize("name", [path.name for path in SCRIPTS])
+@pytest.mark.parametrize("name", [name for name in SCRIPTS if name != "get_grace"])
 def test_a_python_that_is_too_old_goes_on_in_venv(clone: Path, name: str) -> None:
     has_venv(clone)
-    text = (ROOT / "scripts" / name).read_text(encoding="utf-8")
+    text = script_path(name).read_text(encoding="utf-8")
     program = (
         "import runpy, sys\n"
         "sys.version_info = (3, 6, 15, 'final', 0)\n"
         f"sys.path[0] = {str(clone / 'scripts')!r}\n"
-        f"runpy.run_path({str(clone / 'scripts' / name)!r}, run_name='__main__')\n"
+        f"runpy.run_path({str(clone / 'scripts' / f'{name}.py')!r}, run_name='__main__')\n"
     )
     assert run(sys.executable, "-c", program).stdout.startswith("of .venv\n")
     ast.parse(text, feature_version=(3, 6))

@@ -23,11 +23,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import LONG, ROOT, script_path
+from helpers import LONG, ROOT, command_line
 from lightdome.opencl.device import Device
 from lightdome.sampling.samples import Samples
 
-SCRIPTS = {
+pytestmark = pytest.mark.slow
+
+STOPPED = {
     "part1_fresnel": (),
     "part2_sample": ("--counts", "64", "256"),
     "part3_shade": ("samples_64.npz", "samples_256.npz", "--resolution", "255"),
@@ -35,6 +37,7 @@ SCRIPTS = {
     "bench": ("--quick", "--methods", "r2", "--counts", "16", "--seeds", "1", "--resolution", "63"),
 }
 OTHERS = {
+    "roofline": ("--quick",),
     "stability": ("--quick",),
     "report": ("--quick",),
     "make_default_map": (),
@@ -57,7 +60,7 @@ class Run:
         (self.folder / "cache" / "pocl").mkdir(parents=True, exist_ok=True)
         out = "out.exr" if self.name in ("get_grace", "make_default_map") else "out"
         return subprocess.Popen(
-            [sys.executable, str(script_path(self.name)), *(SCRIPTS | OTHERS)[self.name], "--out", out],
+            command_line(self.name, *(STOPPED | OTHERS)[self.name], "--out", out),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             cwd=self.folder,
@@ -199,12 +202,12 @@ def test_a_run_that_is_stopped_leaves_no_half_file(name: str, numbers: tuple[sig
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("name", [*SCRIPTS, *OTHERS])
+@pytest.mark.parametrize("name", [*STOPPED, *OTHERS])
 def test_a_signal_is_heard_while_modules_are_loaded(name: str, number: signal.Signals, tmp_path: Path) -> None:
     # A module that all scripts load, and that takes long.
     (tmp_path / "argparse.py").write_text("print('loading', flush=True)\nimport time\ntime.sleep(600)\n")
     process = subprocess.Popen(
-        [sys.executable, str(script_path(name))],
+        command_line(name),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         env={**os.environ, "PYTHONPATH": str(tmp_path)},
@@ -318,7 +321,7 @@ def test_caches_whose_writing_was_stopped_are_used(inputs: Path) -> None:
 
 
 if __name__ == "__main__":
-    for script in SCRIPTS:
+    for script in STOPPED:
         for number in (signal.SIGKILL, signal.SIGTERM, signal.SIGINT):
             with tempfile.TemporaryDirectory() as folder:
                 inputs = make_inputs(Path(folder))

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import LONG, ROOT, stiff_radiance
+from helpers import LONG, command_line, stiff_radiance
 from lightdome import progress
 from lightdome.maps.images import write_image
 from lightdome.progress import Progress
@@ -70,11 +70,11 @@ def test_a_terminal_shows_a_bar_and_no_lines(clock: list[float], monkeypatch: py
     assert sys.stderr.getvalue().endswith("\r\x1b[K")
 
 
+@pytest.mark.slow
 def test_messages_keep_their_order_in_one_pipe(tmp_path: Path) -> None:
     write_image(tmp_path / "odd.pfm", stiff_radiance(9, 11))
-    command = [sys.executable, str(ROOT / "scripts" / "part2_sample.py"), "--map", str(tmp_path / "odd.pfm")]
     result = subprocess.run(
-        [*command, "--counts", "4", "--out", str(tmp_path / "out")],
+        command_line("part2_sample", "--map", tmp_path / "odd.pfm", "--counts", 4, "--out", tmp_path / "out"),
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

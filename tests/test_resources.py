@@ -6,7 +6,6 @@ import os
 import resource
 import shutil
 import subprocess
-import sys
 import tempfile
 from collections import namedtuple
 from collections.abc import Callable
@@ -16,16 +15,17 @@ from pathlib import Path
 import numpy as np
 import pyopencl as cl
 import pytest
-from helpers import ROOT, Script, fails_in_one_line, stiff_radiance
+from helpers import Script, command_line, fails_in_one_line, stiff_radiance
 from lightdome import cache, console
 from lightdome.errors import LightdomeError
 from lightdome.files import replacing
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import write_image
-from lightdome.opencl import programs
 from lightdome.opencl.device import Device
 from lightdome.opencl.programs import Programs
 from lightdome.sampling.distribution import build_distribution
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def command(script_name: str, inputs: Path) -> list[object]:
     }[script_name]
 
 
-SCRIPTS = ("part1_fresnel", "part2_sample", "part3_shade", "part4_pbrt", "bench")
+WRITERS = ("part1_fresnel", "part2_sample", "part3_shade", "part4_pbrt", "bench")
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def test_a_full_disk_is_one_line_and_leaves_only_whole_files(
     name, *options = arguments
     limit = 4 << 20 if name != "part1_fresnel" else 20_000
     result = subprocess.run(
-        [sys.executable, str(ROOT / "scripts" / f"{name}.py"), *map(str, options), "--out", f"full {name}"],
+        command_line(name, *options, "--out", f"full {name}"),
         capture_output=True,
         text=True,
         cwd=inputs,
@@ -86,7 +86,7 @@ def test_a_full_disk_is_one_line_and_leaves_only_whole_files(
     assert {path.name for path in (inputs / f"full {name}").rglob("*") if path.is_file()} == kept
 
 
-@pytest.mark.parametrize("name", SCRIPTS)
+@pytest.mark.parametrize("name", WRITERS)
 def test_a_folder_that_cannot_be_made_is_one_line(script: Script, inputs: Path, name: str) -> None:
     fails_in_one_line(script(*command(name, inputs), "--out", inputs / "map.pfm" / "below"), "--out")
 
@@ -106,8 +106,7 @@ def test_a_file_that_fails_on_the_way_leaves_nothing(tmp_path: Path) -> None:
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 def test_output_that_cannot_be_printed_is_one_line(inputs: Path, unbuffered: str) -> None:
-    arguments = [str(word) for word in command("part3_shade", inputs)[1:]]
-    program = [sys.executable, str(ROOT / "scripts" / "part3_shade.py"), *arguments, "--out", str(inputs / "printed")]
+    program = command_line(*command("part3_shade", inputs), "--out", inputs / "printed")
     with Path("/dev/full").open("w") as full:
         environment = {**os.environ, "PYTHONUNBUFFERED": unbuffered}
         result = subprocess.run(program, stdout=full, stderr=subprocess.PIPE, text=True, env=environment)
@@ -115,8 +114,7 @@ def test_output_that_cannot_be_printed_is_one_line(inputs: Path, unbuffered: str
 
 
 def test_closed_standard_streams_do_not_matter(inputs: Path) -> None:
-    arguments = [str(word) for word in command("part3_shade", inputs)[1:]]
-    program = [sys.executable, str(ROOT / "scripts" / "part3_shade.py"), *arguments, "--out", str(inputs / "closed")]
+    program = command_line(*command("part3_shade", inputs), "--out", inputs / "closed")
     result = subprocess.run(["sh", "-c", 'exec "$@" >&- 2>&-', "sh", *program])
     assert result.returncode == 0
     assert (inputs / "closed" / "sphere_4.png").exists()
@@ -232,8 +230,12 @@ def test_what_no_device_holds_is_one_line(
 def test_a_build_that_fails_leaves_no_file(device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr("pyopencl.characterize.has_src_build_cache", lambda device: False)  # then it saves the source
-    monkeypatch.setattr(programs, "source", lambda name: "kernel void broken(global float *a) { a[0] = ; }")
+
+    class Broken(Programs):
+        def text(self, name: str) -> str:
+            return "kernel void broken(global float *a) { a[0] = ; }"
+
     with pytest.raises(LightdomeError, match=r"refuses clkernels/broken\.cl") as error:
-        Programs(device.context).kernel("broken")
+        Broken(device.context).kernel("broken")
     assert len(str(error.value).splitlines()) == 1
     assert not list(tmp_path.iterdir())

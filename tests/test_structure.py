@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import configparser
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -76,3 +77,11 @@ def test_the_package_list_is_that_of_the_folders() -> None:
     config.read(ROOT / "setup.cfg")
     packages = config["options"]["packages"].split()
     assert sorted(packages) == sorted(["lightdome", "lightdome.clkernels", *(f"lightdome.{name}" for name in FOLDERS)])
+
+
+def test_no_file_of_tests_needs_another() -> None:
+    """Each runs alone; what several need is in a module beside the folders."""
+    paths = sorted((ROOT / "tests").rglob("test_*.py"))
+    assert len(paths) > 40
+    for path in paths:
+        assert not re.search(r"^(from|import) test_", path.read_text(encoding="utf-8"), re.MULTILINE), path.name

@@ -6,21 +6,14 @@
 // cosine, sine  orders x width: cos(m phi_x) and sin(m phi_x)
 // sum           height x orders x 6 floats: R, G, B with the cosine, then with the sine
 //
-// One work-item an (m, y), 16 pixels at a time. Blocks of 16 x BLOCK pixels are summed plainly, and the blocks' sums
-// with their rounding errors kept.
+// One work-item an (m, y), 16 pixels at a time. Chunks of pixels are summed in single precision, and the chunks' sums in
+// double words.
 
 #include "common/double_word.clh"
 #include "common/map_row.clh"
+#include "lighting/lanes.clh"
 
-#define BLOCK 16
-
-static inline float sum_of_lanes(float16 v)
-{
-    const float8 a = v.lo + v.hi;
-    const float4 b = a.lo + a.hi;
-    const float2 c = b.lo + b.hi;
-    return c.x + c.y;
-}
+#define CHUNK 256  // pixels, a multiple of LANES
 
 kernel void azimuth_sums(global const float *restrict radiance,
                          global const float *restrict cosine,
@@ -37,8 +30,8 @@ kernel void azimuth_sums(global const float *restrict radiance,
 
     float8 hi = 0.0f, lo = 0.0f;
     const uint whole = width - width % LANES;
-    for (uint first = 0; first < whole; first += LANES * BLOCK) {
-        const uint last = min(first + LANES * BLOCK, whole);
+    for (uint first = 0; first < whole; first += CHUNK) {
+        const uint last = min(first + CHUNK, whole);
         float16 red_c = 0.0f, green_c = 0.0f, blue_c = 0.0f, red_s = 0.0f, green_s = 0.0f, blue_s = 0.0f;
         for (uint x = first; x < last; x += LANES) {
             float16 red, green, blue;
@@ -51,9 +44,9 @@ kernel void azimuth_sums(global const float *restrict radiance,
             green_s += green * s;
             blue_s += blue * s;
         }
-        const float8 block = (float8)(sum_of_lanes(red_c), sum_of_lanes(green_c), sum_of_lanes(blue_c),
+        const float8 chunk = (float8)(sum_of_lanes(red_c), sum_of_lanes(green_c), sum_of_lanes(blue_c),
                                       sum_of_lanes(red_s), sum_of_lanes(green_s), sum_of_lanes(blue_s), 0.0f, 0.0f);
-        DOUBLE_WORD_ADD(float8, hi, lo, block);
+        DOUBLE_WORD_ADD(float8, hi, lo, chunk);
     }
     for (uint x = whole; x < width; ++x) {
         const float3 L = vload3(x, radiance);

@@ -1,4 +1,4 @@
-// The diffuse sphere under a whole environment map: every pixel of the map once, none of them looked at.
+// The diffuse sphere under a whole environment map: every pixel of the map counts once, yet no loop goes over pixels.
 //
 // On a row of the map, at the polar angle theta, the lights above a pixel's horizon are those of one arc about
 // the normal's azimuth: cos(phi - phi_n) > q = -(n_y cos theta) / (sqrt(1 - n_y^2) sin theta). All of an image row has
@@ -14,10 +14,10 @@
 //
 // Source of n . M: Arvo, The Irradiance Jacobian (1994). One work-item a tile.
 
-#include "common/double_word.clh"
-#include "lighting/arc.clh"
+#include "common/image_sum.clh"
 #include "common/angle.clh"
 #include "common/normal.clh"
+#include "lighting/arc.clh"
 
 kernel void exact(global const arc *restrict arcs,
                   global const float *restrict half_arc,
@@ -66,11 +66,6 @@ kernel void exact(global const arc *restrict arcs,
         const float3 n = pixel_normal(x, tile.y, resolution);
         if (x >= resolution || n.z <= 0.0f)
             continue;
-        const float3 rgb = light_of(n, matrix[k] + whole);
-        const size_t at = (size_t)tile.y * resolution + x, at_low = at + (size_t)resolution * resolution;
-        float3 hi = vload3(at, sum), lo = vload3(at_low, sum);
-        DOUBLE_WORD_ADD(float3, hi, lo, rgb);
-        vstore3(hi, at, sum);
-        vstore3(lo, at_low, sum);
+        add_to_pixel(light_of(n, matrix[k] + whole), (size_t)tile.y * resolution + x, resolution, sum);
     }
 }

@@ -23,19 +23,27 @@
 //
 // Source of n . M: Arvo, The Irradiance Jacobian (1994). One work-item a tile.
 
-#include "common/double_word.clh"
-#include "lighting/arc.clh"
+#include "common/image_sum.clh"
 #include "common/angle.clh"
 #include "common/normal.clh"
+#include "lighting/arc.clh"
 #include "lighting/sphere.clh"
 
 #ifdef GREY
 typedef float colour;
-#define COLOUR(row, x) ((row)[3 * (x)])
 #else
 typedef float3 colour;
-#define COLOUR(row, x) vload3(x, row)
 #endif
+
+// L at column x of a row of the map.
+static inline colour radiance_at(global const float *row, size_t x)
+{
+#ifdef GREY
+    return row[3 * x];
+#else
+    return vload3(x, row);
+#endif
+}
 
 // A polynomial at the distance x from the dark end of its piece.
 static inline pixels polynomial(float8 c, pixels x)
@@ -57,7 +65,7 @@ static inline void add_column(private colour *cut, global const float *row, int 
     STORE_PIXELS(x < 0 ? x + width : x >= width ? x - width : x, at);
     STORE_PIXELS(fmax(weight, (pixels)(0.0f)), by);
     for (int k = 0; k < PIXELS; ++k)
-        cut[k] += COLOUR(row, (size_t)at[k]) * by[k];
+        cut[k] += radiance_at(row, at[k]) * by[k];
 }
 
 kernel void exact_areas(global const arc *restrict arcs,
@@ -103,7 +111,7 @@ kernel void exact_areas(global const arc *restrict arcs,
             whole += row[2 * width] - row[0] + (row[2 * width + 1] - row[1]);
             continue;
         }
-        const ipixels begin = CONVERT_INDICES(ceil(centre - h_0)), end = CONVERT_INDICES(floor(centre + h_0));
+        const ipixels begin = pixels_to_int(ceil(centre - h_0)), end = pixels_to_int(floor(centre + h_0));
         if (h_0 >= 1.0f) {
             int from[PIXELS], to[PIXELS];
             STORE_PIXELS(2 * begin, from);
@@ -119,7 +127,7 @@ kernel void exact_areas(global const arc *restrict arcs,
         const float length = 1.0f / a_column;
         for (int side = -1; side <= 1; side += 2) {  // left, right
             ipixels x = side > 0 ? end : begin - 1;
-            pixels u = side > 0 ? CONVERT_PIXELS(end) - centre : centre - CONVERT_PIXELS(begin);
+            pixels u = side > 0 ? pixels_from_int(end) - centre : centre - pixels_from_int(begin);
             pixels left = polynomial(before, h_0 - fmax(u, (pixels)(0.0f))) * scale;
             // Not sure to see a column whole: the one of the normal's azimuth, from there to u.
             if (h_0 < 1.0f)
@@ -147,10 +155,6 @@ kernel void exact_areas(global const arc *restrict arcs,
         if (x >= resolution || n.z <= 0.0f)
             continue;
         const float3 rgb = light_of(n, matrix[k] + whole) + cut[k];
-        const size_t at = (size_t)tile.y * resolution + x, at_low = at + (size_t)resolution * resolution;
-        float3 hi = vload3(at, sum), lo = vload3(at_low, sum);
-        DOUBLE_WORD_ADD(float3, hi, lo, rgb);
-        vstore3(hi, at, sum);
-        vstore3(lo, at_low, sum);
+        add_to_pixel(rgb, (size_t)tile.y * resolution + x, resolution, sum);
     }
 }

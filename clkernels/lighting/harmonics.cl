@@ -13,7 +13,6 @@
 //
 // One work-item a tile of PIXELS pixels.
 
-#define ROWS 1
 #include "lighting/sphere.clh"
 
 kernel void harmonics(global const uint2 *restrict tiles,
@@ -24,12 +23,12 @@ kernel void harmonics(global const uint2 *restrict tiles,
 {
     const uint2 tile = tiles[get_global_id(0)];
     const float inverse_resolution = 1.0f / resolution;
-    const int b = TILE_B(tile, 0, resolution);
-    const ipixels a = TILE_A(tile, resolution);
+    const int b = tile_b(tile, 0, resolution);
+    const ipixels a = tile_a(tile, resolution);
     const ipixels c2 = resolution * resolution - b * b - a * a;
-    const pixels x = CONVERT_PIXELS(a) * inverse_resolution;
+    const pixels x = pixels_from_int(a) * inverse_resolution;
     const pixels y = b * inverse_resolution;
-    const pixels z = sqrt(fmax(CONVERT_PIXELS(c2), (pixels)(0.0f))) * inverse_resolution;
+    const pixels z = sqrt(fmax(pixels_from_int(c2), (pixels)(0.0f))) * inverse_resolution;
 
     pixels red = 0.0f, green = 0.0f, blue = 0.0f, real = 1.0f, imaginary = 0.0f;
     for (uint m = 0; m <= order; ++m) {

@@ -6,7 +6,9 @@
 //
 // One work-item a group.
 
-#define LIGHTS 16
+#include "common/channels.clh"
+
+#define LIGHTS 16  // in a group
 
 kernel void light_groups(global const float *restrict lights,
                          const uint stride,
@@ -18,12 +20,8 @@ kernel void light_groups(global const float *restrict lights,
     float3 axis = 0.0f, x = 0.0f, y = 0.0f, z = 0.0f;
     for (uint i = 0; i < LIGHTS; ++i) {
         const float3 w = (float3)(lights[i], lights[stride + i], lights[2 * (size_t)stride + i]);
-#ifdef GREY
-        const float3 E = lights[3 * (size_t)stride + i];
-#else
-        const float3 E = (float3)(lights[3 * (size_t)stride + i], lights[4 * (size_t)stride + i],
-                                  lights[5 * (size_t)stride + i]);
-#endif
+        const float3 E = (float3)(lights[(3 + RED) * (size_t)stride + i], lights[(3 + GREEN) * (size_t)stride + i],
+                                  lights[(3 + BLUE) * (size_t)stride + i]);
         axis += w;
         x += E * w.x;
         y += E * w.y;

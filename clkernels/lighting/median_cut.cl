@@ -12,37 +12,23 @@
 // One work-item a light: it walks down the tree of cuts to its own region. Light i of a region of n lights is in
 // the first part if that holds more than i.
 
-typedef struct {
-    global const ulong *energy;
-    global const uint *lit;
-    uint width;
-} Table;
+// name(table, width, r): the sum over the region r, from a summed-area table of Ts.
+#define DEFINE_SUM_OVER(T, name)                                                            \
+    static inline T name(global const T *table, uint width, uint4 r)                        \
+    {                                                                                       \
+        const size_t above = (size_t)(r.y - 1) * width, last = (size_t)(r.w - 1) * width;   \
+        T sum = table[last + r.z - 1];                                                      \
+        if (r.x > 0)                                                                        \
+            sum -= table[last + r.x - 1];                                                   \
+        if (r.y > 0)                                                                        \
+            sum -= table[above + r.z - 1];                                                  \
+        if (r.x > 0 && r.y > 0)                                                             \
+            sum += table[above + r.x - 1];                                                  \
+        return sum;                                                                         \
+    }
 
-static inline ulong energy_of(const Table *t, uint4 r)
-{
-    const size_t top = (size_t)(r.y - 1) * t->width, bottom = (size_t)(r.w - 1) * t->width;
-    ulong sum = t->energy[bottom + r.z - 1];
-    if (r.x > 0)
-        sum -= t->energy[bottom + r.x - 1];
-    if (r.y > 0)
-        sum -= t->energy[top + r.z - 1];
-    if (r.x > 0 && r.y > 0)
-        sum += t->energy[top + r.x - 1];
-    return sum;
-}
-
-static inline uint lit_in(const Table *t, uint4 r)
-{
-    const size_t top = (size_t)(r.y - 1) * t->width, bottom = (size_t)(r.w - 1) * t->width;
-    uint sum = t->lit[bottom + r.z - 1];
-    if (r.x > 0)
-        sum -= t->lit[bottom + r.x - 1];
-    if (r.y > 0)
-        sum -= t->lit[top + r.z - 1];
-    if (r.x > 0 && r.y > 0)
-        sum += t->lit[top + r.x - 1];
-    return sum;
-}
+DEFINE_SUM_OVER(ulong, energy_in)
+DEFINE_SUM_OVER(uint, lit_in)
 
 // The part of r before column (axis 0) or row (axis 1) k.
 static inline uint4 before(uint4 r, int axis, uint k)
@@ -51,26 +37,27 @@ static inline uint4 before(uint4 r, int axis, uint k)
 }
 
 // Where to cut r so that `target` of its `total` energy comes first; 0 if one row or column holds all of it.
-static inline uint cut(const Table *t, uint4 r, int axis, ulong target, ulong total)
+static inline uint cut(global const ulong *energy, uint width, uint4 r, int axis, ulong target, ulong total)
 {
-    // The first k with more than the target before it.
+    // Bisection: at most the target lies before `low`, more than it before `high`.
     uint low = axis == 0 ? r.x : r.y, high = axis == 0 ? r.z : r.w;
     const uint begin = low;
-    ulong after = total;
+    ulong before_high = total;
     while (high - low > 1) {
         const uint middle = low + (high - low) / 2;
-        const ulong e = energy_of(t, before(r, axis, middle));
-        if (e > target) {
+        const ulong before_middle = energy_in(energy, width, before(r, axis, middle));
+        if (before_middle > target) {
             high = middle;
-            after = e;
+            before_high = before_middle;
         } else {
             low = middle;
         }
     }
-    const ulong first = low == begin ? 0 : energy_of(t, before(r, axis, low));
-    if (first == 0)
-        return after == total ? 0 : high;
-    return after == total || target - first <= after - target ? low : high;
+    const ulong before_low = low == begin ? 0 : energy_in(energy, width, before(r, axis, low));
+    // The nearer of both, if it leaves energy on either side.
+    if (before_low == 0)
+        return before_high == total ? 0 : high;
+    return before_high == total || target - before_low <= before_high - target ? low : high;
 }
 
 kernel void median_cut(global const ulong *restrict energy,
@@ -81,10 +68,9 @@ kernel void median_cut(global const ulong *restrict energy,
                        const uint light_count,
                        global uint *restrict region)
 {
-    const Table table = {energy, lit, width};
     uint4 r = (uint4)(0, 0, width, height);
     uint n = light_count, i = get_global_id(0);
-    ulong total = energy_of(&table, r);
+    ulong total = energy_in(energy, width, r);
     while (n > 1) {
         const bool on_equator = 2 * r.y < height && 2 * r.w > height;
         const float sine = on_equator ? 1.0f : fmax(edge_sine[r.y], edge_sine[r.w]);
@@ -92,16 +78,17 @@ kernel void median_cut(global const ulong *restrict energy,
 
         const ulong target = total / n * (n / 2) + total % n * (n / 2) / n;
         int axis = longer;
-        uint k = cut(&table, r, axis, target, total);
+        uint k = cut(energy, width, r, axis, target, total);
         if (k == 0) {
             axis = 1 - longer;
-            k = cut(&table, r, axis, target, total);
+            k = cut(energy, width, r, axis, target, total);
         }
         const uint4 first = before(r, axis, k);
-        const ulong part = energy_of(&table, first);
-        const uint lit_first = lit_in(&table, first), lit_second = lit_in(&table, r) - lit_first;
+        const ulong part = energy_in(energy, width, first);
+        const uint lit_first = lit_in(lit, width, first), lit_second = lit_in(lit, width, r) - lit_first;
 
-        // round(n part / total), in 64 bits
+        // The first part's share of the lights: round(n part / total), n <= 2^22, from energies shifted below 2^40, so
+        // that the product fits into 64 bits.
         const uint shift = max(0, 24 - (int)clz(total));
         const ulong coarse = total >> shift;
         uint share = (uint)(((part >> shift) * n + coarse / 2) / coarse);

@@ -17,6 +17,16 @@
 
 #include "common/prefix_sum.clh"
 
+// Inclusive prefix sum of 16 integers of type T in registers (Hillis and Steele 1986).
+#define SCAN_LANES(T, q)                \
+    do {                                \
+        const T##16 none_ = 0;          \
+        q += BEFORE_1(T, none_, q);     \
+        q += BEFORE_2(T, none_, q);     \
+        q += BEFORE_4(T, none_, q);     \
+        q += BEFORE_8(T, none_, q);     \
+    } while (0)
+
 kernel void row_sums(global const float *restrict radiance,
                      global const float *restrict sin_theta,
                      const uint width,

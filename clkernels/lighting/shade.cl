@@ -7,18 +7,14 @@
 //          three are the same
 // image    resolution x resolution x 3, zeroed; pixels outside the disc are left alone
 //
-// One work-item a tile of PIXELS x ROWS pixels. Lights are summed in blocks, and the blocks' sums with
-// their rounding errors kept, so that half a million lights lose no more digits than a hundred.
+// One work-item a tile of PIXELS x ROWS pixels. Chunks of lights are summed in single precision, and the chunks' sums in
+// double words, so that half a million lights lose no more digits than a hundred.
 
 #include "common/double_word.clh"
+#include "common/channels.clh"
 #include "lighting/sphere.clh"
 
-#ifdef GREY
-#define CHANNELS 1
-#else
-#define CHANNELS 3
-#endif
-#define BLOCK 128
+#define CHUNK 128  // lights
 
 kernel void shade(global const uint2 *restrict tiles,
                   global const float *restrict lights,
@@ -30,17 +26,17 @@ kernel void shade(global const uint2 *restrict tiles,
     const float inverse_resolution = 1.0f / resolution;
 
     // The tile's normals; ROWS rows share one n_x.
-    const ipixels a = TILE_A(tile, resolution);
-    const pixels nx = CONVERT_PIXELS(a) * inverse_resolution;
+    const ipixels a = tile_a(tile, resolution);
+    const pixels nx = pixels_from_int(a) * inverse_resolution;
     float ny[ROWS];
     pixels nz[ROWS];
     ipixels c2[ROWS];
 #pragma unroll
     for (int j = 0; j < ROWS; ++j) {
-        const int b = TILE_B(tile, j, resolution);
+        const int b = tile_b(tile, j, resolution);
         ny[j] = b * inverse_resolution;
         c2[j] = resolution * resolution - b * b - a * a;
-        nz[j] = sqrt(fmax(CONVERT_PIXELS(c2[j]), (pixels)(0.0f))) * inverse_resolution;
+        nz[j] = sqrt(fmax(pixels_from_int(c2[j]), (pixels)(0.0f))) * inverse_resolution;
     }
 
     pixels sum[ROWS][CHANNELS], sum_lo[ROWS][CHANNELS];
@@ -50,14 +46,14 @@ kernel void shade(global const uint2 *restrict tiles,
         for (int c = 0; c < CHANNELS; ++c)
             sum[j][c] = sum_lo[j][c] = 0.0f;
 
-    for (uint first = 0; first < light_count; first += BLOCK) {
-        const uint last = min(first + BLOCK, light_count);
-        pixels block[ROWS][CHANNELS];
+    for (uint first = 0; first < light_count; first += CHUNK) {
+        const uint last = min(first + CHUNK, light_count);
+        pixels chunk[ROWS][CHANNELS];
 #pragma unroll
         for (int j = 0; j < ROWS; ++j)
 #pragma unroll
             for (int c = 0; c < CHANNELS; ++c)
-                block[j][c] = 0.0f;
+                chunk[j][c] = 0.0f;
 
         for (uint i = first; i < last; ++i) {
             global const float *light = lights + (3 + CHANNELS) * (size_t)i;
@@ -67,7 +63,7 @@ kernel void shade(global const uint2 *restrict tiles,
                 const pixels cosine = fmax(FMA(nz[j], (pixels)(light[2]), x + ny[j] * light[1]), (pixels)(0.0f));
 #pragma unroll
                 for (int c = 0; c < CHANNELS; ++c)
-                    block[j][c] = FMA(cosine, (pixels)(light[3 + c]), block[j][c]);
+                    chunk[j][c] = FMA(cosine, (pixels)(light[3 + c]), chunk[j][c]);
             }
         }
 
@@ -75,15 +71,15 @@ kernel void shade(global const uint2 *restrict tiles,
         for (int j = 0; j < ROWS; ++j)
 #pragma unroll
             for (int c = 0; c < CHANNELS; ++c)
-                DOUBLE_WORD_ADD(pixels, sum[j][c], sum_lo[j][c], block[j][c]);
+                DOUBLE_WORD_ADD(pixels, sum[j][c], sum_lo[j][c], chunk[j][c]);
     }
 
     for (int j = 0; j < ROWS; ++j) {
         float rgb[3][PIXELS];
         int inside[PIXELS];
-        STORE_PIXELS(sum[j][0], rgb[0]);
-        STORE_PIXELS(sum[j][CHANNELS / 2], rgb[1]);
-        STORE_PIXELS(sum[j][CHANNELS - 1], rgb[2]);
+        STORE_PIXELS(sum[j][RED], rgb[0]);
+        STORE_PIXELS(sum[j][GREEN], rgb[1]);
+        STORE_PIXELS(sum[j][BLUE], rgb[2]);
         STORE_PIXELS(c2[j], inside);
         for (int k = 0; k < PIXELS; ++k)
             if (inside[k] > 0)

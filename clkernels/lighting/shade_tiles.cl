@@ -20,27 +20,17 @@
 
 #define PIXELS 16
 #include "common/double_word.clh"
+#include "common/channels.clh"
+#include "lighting/lanes.clh"
 #include "lighting/sphere.clh"
 
-#ifdef GREY
-#define CHANNELS 1
-#else
-#define CHANNELS 3
-#endif
-#define VECTORS_A_BLOCK 64  // vectors of lights whose sums are added before their rounding errors are kept
-#define LIST 128            // lights near the horizon, evaluated when the list is full
+#define LIGHTS 16   // in a group, see light_groups.cl
+#define CHUNK 1024  // lights whose sums are added in single precision before they go into double words
+#define LIST 128    // lights near the horizon, evaluated when the list is full
 
 typedef struct {
     float16 hi, lo;
-} wide;
-
-static inline float sum16(float16 v)
-{
-    const float8 e = v.lo + v.hi;
-    const float4 q = e.lo + e.hi;
-    const float2 p = q.lo + q.hi;
-    return p.x + p.y;
-}
+} DoubleWord16;
 
 static inline float max16(float16 v)
 {
@@ -50,9 +40,22 @@ static inline float max16(float16 v)
     return fmax(p.x, p.y);
 }
 
-static inline void add_to(private wide *sum, float16 x)
+static inline void add_to(private DoubleWord16 *sum, float16 x)
 {
     DOUBLE_WORD_ADD(float16, sum->hi, sum->lo, x);
+}
+
+// Append to the list of n lights each of `first` .. first + 15 whose lane is true, and return the list's new length.
+// There is no branch: every light is written, and one that does not belong there is written over by the next.
+static inline uint append(private uint *list, uint n, uint first, int16 belongs)
+{
+    int is_one_more[LIGHTS];
+    vstore16(belongs & 1, 0, is_one_more);  // true is -1 in a vector
+    for (uint k = 0; k < LIGHTS; ++k) {
+        list[n] = first + k;
+        n += is_one_more[k];
+    }
+    return n;
 }
 
 // What the listed lights send to two rows of the tile, pixel by pixel: the channels of one, then of the other.
@@ -118,14 +121,14 @@ kernel void shade_tiles(global const uint2 *restrict tiles,
     const float inverse_resolution = 1.0f / resolution;
 
     // The tile's normals, and their mean as its axis. Pixels outside the disc have c2 <= 0.
-    const int16 a = TILE_A(tile, resolution);
+    const int16 a = tile_a(tile, resolution);
     const float16 nx = convert_float16(a) * inverse_resolution;
     float2 ny[ROWS / 2];
     float16 nz[ROWS];
     int16 c2[ROWS];
     float16 mean_x = 0.0f, mean_y = 0.0f, mean_z = 0.0f;
     for (int j = 0; j < ROWS; ++j) {
-        const int b = TILE_B(tile, j, resolution);
+        const int b = tile_b(tile, j, resolution);
         const float y = b * inverse_resolution;
         ny[j / 2] = j % 2 ? (float2)(ny[j / 2].x, y) : (float2)(y, y);
         c2[j] = resolution * resolution - b * b - a * a;
@@ -135,7 +138,7 @@ kernel void shade_tiles(global const uint2 *restrict tiles,
         mean_y += inside * y;
         mean_z += inside * nz[j];
     }
-    const float3 axis = normalize((float3)(sum16(mean_x), sum16(mean_y), sum16(mean_z)));
+    const float3 axis = normalize((float3)(sum_of_lanes(mean_x), sum_of_lanes(mean_y), sum_of_lanes(mean_z)));
     float16 chord2 = 0.0f;
     for (int j = 0; j < ROWS; ++j) {
         const float16 x = nx - axis.x, z = nz[j] - axis.z;
@@ -145,52 +148,51 @@ kernel void shade_tiles(global const uint2 *restrict tiles,
     // |n . w - axis . w| <= |n - axis|; the rest covers what rounding adds.
     const float margin = sqrt(max16(chord2)) * 1.00001f + 1e-6f;
 
-    // Lights near the horizon wait in a list. Should it fill, they are evaluated, and sums kept by pixel.
-    uint list[LIST + PIXELS];
+    // Lights near the horizon wait in a list. When it is full they are spilled: evaluated, and summed by pixel.
+    uint list[LIST + LIGHTS];
     uint n = 0;
     bool spilled = false;
-    wide sum[ROWS * CHANNELS];
-    wide matrix[3 * CHANNELS];  // of lights, by lane
+    DoubleWord16 sum[ROWS * CHANNELS];
+
+    // M of the lights that light the whole tile: of groups as they come, of single lights by channel, axis and lane.
+    DoubleWord16 group_matrix, matrix[3 * CHANNELS];
+    group_matrix.hi = group_matrix.lo = 0.0f;
     for (int k = 0; k < 3 * CHANNELS; ++k)
         matrix[k].hi = matrix[k].lo = 0.0f;
-    wide whole;      // of groups
-    whole.hi = whole.lo = 0.0f;
 
-    for (uint begin = 0; begin < stride; begin += VECTORS_A_BLOCK * PIXELS) {
-        const uint end = min(begin + VECTORS_A_BLOCK * PIXELS, stride);
-        float16 of_lights[3 * CHANNELS];
+    for (uint begin = 0; begin < stride; begin += CHUNK) {
+        const uint end = min(begin + CHUNK, stride);
+        float16 group_chunk = 0.0f, chunk[3 * CHANNELS];
 #pragma unroll
         for (int k = 0; k < 3 * CHANNELS; ++k)
-            of_lights[k] = 0.0f;
-        float16 m = 0.0f;
-        for (uint i = begin; i < end; i += PIXELS) {
-            const float4 bound = bounds[i / PIXELS];
-            const float about = axis.x * bound.x + axis.y * bound.y + axis.z * bound.z, reach = margin + bound.w;
-            if (about <= -reach)
+            chunk[k] = 0.0f;
+        for (uint i = begin; i < end; i += LIGHTS) {
+            // A group that is clear of the tile's horizon lights none of the tile, or all of it.
+            const float4 bound = bounds[i / LIGHTS];
+            const float above = axis.x * bound.x + axis.y * bound.y + axis.z * bound.z, reach = margin + bound.w;
+            if (above <= -reach)
                 continue;
-            if (about >= reach) {
-                m += vload16(i / PIXELS, groups);
+            if (above >= reach) {
+                group_chunk += vload16(i / LIGHTS, groups);
                 continue;
             }
+
+            // Of any other group, lights clear of the horizon go into the matrix as w E^T, with E = 0 for those below.
             global const float *light = lights + i;
             const float16 wx = vload16(0, light), wy = vload16(0, light + stride);
             const float16 wz = vload16(0, light + 2 * (size_t)stride);
-            const float16 d = FMA(wz, (float16)(axis.z), FMA(wy, (float16)(axis.y), wx * axis.x));
-            const int16 lit = d >= margin;
+            const float16 cosine = FMA(wz, (float16)(axis.z), FMA(wy, (float16)(axis.y), wx * axis.x));
             const float16 zero = 0.0f;
 #pragma unroll
             for (int c = 0; c < CHANNELS; ++c) {
-                const float16 E = select(zero, vload16(0, light + (3 + c) * (size_t)stride), lit);
-                of_lights[3 * c] = FMA(wx, E, of_lights[3 * c]);
-                of_lights[3 * c + 1] = FMA(wy, E, of_lights[3 * c + 1]);
-                of_lights[3 * c + 2] = FMA(wz, E, of_lights[3 * c + 2]);
+                const float16 E = select(zero, vload16(0, light + (3 + c) * (size_t)stride), cosine >= margin);
+                chunk[3 * c] = FMA(wx, E, chunk[3 * c]);
+                chunk[3 * c + 1] = FMA(wy, E, chunk[3 * c + 1]);
+                chunk[3 * c + 2] = FMA(wz, E, chunk[3 * c + 2]);
             }
-            int near[PIXELS];
-            vstore16(fabs(d) < margin, 0, near);
-            for (uint k = 0; k < PIXELS; ++k) {
-                list[n] = i + k;
-                n -= near[k];  // true is -1 in a vector
-            }
+
+            // Lights near the horizon go into the list.
+            n = append(list, n, i, fabs(cosine) < margin);
             if (n >= LIST) {
                 for (int k = 0; !spilled && k < ROWS * CHANNELS; ++k)
                     sum[k].hi = sum[k].lo = 0.0f;
@@ -204,17 +206,18 @@ kernel void shade_tiles(global const uint2 *restrict tiles,
                 n = 0;
             }
         }
-        add_to(&whole, m);
+        add_to(&group_matrix, group_chunk);
 #pragma unroll
         for (int k = 0; k < 3 * CHANNELS; ++k)
-            add_to(matrix + k, of_lights[k]);
+            add_to(matrix + k, chunk[k]);
     }
 
-    const float16 w = whole.hi + whole.lo;
-    const float of_groups[9] = {w.s0, w.s4, w.s8, w.s1, w.s5, w.s9, w.s2, w.s6, w.sa};
+    // Each pixel: n . M, what the lights of the list send, and what those that were spilled sent.
+    const float16 g = group_matrix.hi + group_matrix.lo;
+    const float of_groups[9] = {g.s0, g.s4, g.s8, g.s1, g.s5, g.s9, g.s2, g.s6, g.sa};
     float m[3 * CHANNELS];
     for (int k = 0; k < 3 * CHANNELS; ++k)
-        m[k] = of_groups[k] + (sum16(matrix[k].hi) + sum16(matrix[k].lo));
+        m[k] = of_groups[k] + (sum_of_lanes(matrix[k].hi) + sum_of_lanes(matrix[k].lo));
     float16 sent[2 * CHANNELS];
     for (int j = 0; j < ROWS; ++j) {
         if (j % 2 == 0)
@@ -227,7 +230,7 @@ kernel void shade_tiles(global const uint2 *restrict tiles,
             if (spilled)
                 row[c] += sum[CHANNELS * j + c].hi + sum[CHANNELS * j + c].lo;
         }
-        store_row(row[0], row[CHANNELS / 2], row[CHANNELS - 1], c2[j],
+        store_row(row[RED], row[GREEN], row[BLUE], c2[j],
                   image + 3 * ((tile.y + j) * (size_t)resolution + tile.x));
     }
 }

@@ -19,12 +19,13 @@
 #include "common/block_search.clh"
 #include "rendering/product.clh"
 
-// block_search, and u[k] becomes where in the step of the result it lay, a fraction of 2^32 as even as before.
+// block_search, and u[k] becomes its place in the step that it picked, a fraction of 2^32, uniform again.
 static inline void search_rest(global const uint *cdf, const uint n, private const uint *base,
-                               private const uint *last, private const uint *total, private uint *u, private uint *index)
+                               private const uint *last, private const uint *total, private uint *u,
+                               private uint *index)
 {
     block_search(cdf, n, base, last, total, u, index);
-    GATHER
+    SCALAR_LOADS
     for (uint k = 0; k < BLOCK; ++k) {
         global const uint *at = cdf + base[k] + index[k];
         const uint below = index[k] > 0 ? at[-1] : 0;
@@ -59,10 +60,11 @@ kernel void render_product(global const uint *restrict tile_column_cdf,
                            global float *restrict sum)
 {
     const uint first = get_global_id(0) * BLOCK;
-    uint index[BLOCK], kept_x[BLOCK], kept_y[BLOCK];
+    uint index[BLOCK];
     block3 normal;
     block_pixels(disc, first, pixel_count, resolution, index, &normal);
-    begin_streams(begin, index, seed, kept_x, kept_y);
+    block_streams streams;
+    begin_streams(&streams, index, begin, seed);
 
     uint tile_row[BLOCK], row_total[BLOCK], last_row[BLOCK], last_column[BLOCK];
     block3 tile;
@@ -85,22 +87,26 @@ kernel void render_product(global const uint *restrict tile_column_cdf,
     for (uint s = begin; s < end; ++s) {
         uint across[BLOCK], down[BLOCK], i[BLOCK], j[BLOCK], x[BLOCK], y[BLOCK];
         uint base[BLOCK], last[BLOCK], total[BLOCK];
-        next_points(s, index, seed, kept_x, kept_y, across, down);
+        next_points(&streams, s, seed, across, down);
+
+        // A cell (i, j), by the CDFs of the pixel's tile
         search_rest(tile_row_cdf, cells.y, tile_row, last_row, row_total, down, j);
-        GATHER
+        SCALAR_LOADS
         for (uint k = 0; k < BLOCK; ++k) {
             base[k] = (tile_row[k] + j[k]) * cells.x;
             total[k] = tile_column_cdf[base[k] + cells.x - 1];
         }
         search_rest(tile_column_cdf, cells.x, base, last_column, total, across, i);
-        GATHER
+
+        // A pixel (x, y) of the map, by the CDFs of the cell and the rest of the point
+        SCALAR_LOADS
         for (uint k = 0; k < BLOCK; ++k) {
             last[k] = min(cell_size.y, height - j[k] * cell_size.y) - 1;
             base[k] = i[k] * height + j[k] * cell_size.y;
             total[k] = row_cdf[base[k] + last[k]];
         }
         block_search(row_cdf, cell_size.y, base, last, total, down, y);
-        GATHER
+        SCALAR_LOADS
         for (uint k = 0; k < BLOCK; ++k) {
             y[k] += j[k] * cell_size.y;
             last[k] = min(cell_size.x, width - i[k] * cell_size.x) - 1;
@@ -111,9 +117,10 @@ kernel void render_product(global const uint *restrict tile_column_cdf,
         for (uint k = 0; k < BLOCK; ++k)
             x[k] += i[k] * cell_size.x;
 
+        // max(0, n . w) / C
         block3 light;
         float light_reach[BLOCK], weight[BLOCK];
-        GATHER
+        SCALAR_LOADS
         for (uint k = 0; k < BLOCK; ++k) {
             const float4 l = lights[j[k] * cells.x + i[k]];
             light.x[k] = l.x;
@@ -134,8 +141,12 @@ kernel void render_product(global const uint *restrict tile_column_cdf,
             const wide guess = cosine_guess(c, LOAD_WIDE(reach + k) + LOAD_WIDE(light_reach + k));
             STORE_WIDE(cosine > 0.0f ? cosine / guess : (wide)(0.0f), weight + k);
         }
+
+        // L / S x max(0, n . w) / C
         block_add_colours(&samples, radiance, width, scale, x, y, weight);
     }
+
+    // What all samples of a pixel have in common
     block_multiply(&samples, factor);
     block_store(&samples, index, min((uint)BLOCK, pixel_count - first), resolution, sum);
 }

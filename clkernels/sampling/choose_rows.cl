@@ -8,7 +8,23 @@
 // One work-item a sample, in whole groups. sample.cl does the same where the whole map is at hand.
 
 #include "common/sequence.clh"
-#include "common/invert_cdf.clh"
+
+// The first i with cdf[i] > u total / 2^32 (prefix_sum.clh), by binary search.
+static inline uint invert_cdf(global const uint *cdf, uint n, uint u)
+{
+    const uint target = mul_hi(u, cdf[n - 1]);
+    uint first = 0;
+    while (n > 0) {
+        const uint half_n = n / 2;
+        if (cdf[first + half_n] <= target) {
+            first += half_n + 1;
+            n -= half_n + 1;
+        } else {
+            n = half_n;
+        }
+    }
+    return first;
+}
 
 kernel void choose_rows(global const uint *restrict marginal_cdf,
                         const uint height,

@@ -8,7 +8,7 @@
 // radiance  height x width x 3 floats, finite and >= 0
 // scale     a power of two that keeps the sum over the map inside float's range
 // offset    the part of the light that something else samples, for MIS compensation
-//           with PLAIN they are 1 and 0, and not looked at
+//           with PLAIN, scale is 1 and offset 0, and neither is read
 // cdf       height x width integers
 // row_sum   height double words
 //
@@ -17,11 +17,34 @@
 
 #include "common/prefix_sum.clh"
 
+// f of 16 pixels, and of one.
+static inline float16 weights_above(global const float *rgb, float scale, float offset)
+{
 #ifdef PLAIN
-#define WEIGHT(weigh, x) weigh(radiance + 3 * (size_t)(x), 1.0f)
+    return weights(rgb, 1.0f);
 #else
-#define WEIGHT(weigh, x) fmax(weigh(radiance + 3 * (size_t)(x), scale) - offset, 0.0f)
+    return fmax(weights(rgb, scale) - offset, 0.0f);
 #endif
+}
+
+static inline float weight_above(global const float *rgb, float scale, float offset)
+{
+#ifdef PLAIN
+    return weight(rgb, 1.0f);
+#else
+    return fmax(weight(rgb, scale) - offset, 0.0f);
+#endif
+}
+
+// The sum of 16 double words, always by the same tree: lanes 8, 4, 2 and 1 apart, all round, so that each holds it.
+static inline float2 sum_of_double_words(float16 hi, float16 lo)
+{
+    DOUBLE_WORD_SUM(float16, hi, lo, BEFORE_8(float, hi, hi), BEFORE_8(float, lo, lo));
+    DOUBLE_WORD_SUM(float16, hi, lo, BEFORE_4(float, hi, hi), BEFORE_4(float, lo, lo));
+    DOUBLE_WORD_SUM(float16, hi, lo, BEFORE_2(float, hi, hi), BEFORE_2(float, lo, lo));
+    DOUBLE_WORD_SUM(float16, hi, lo, BEFORE_1(float, hi, hi), BEFORE_1(float, lo, lo));
+    return (float2)(hi.s0, lo.s0);
+}
 
 kernel void row_cdf(global const float *restrict radiance,
                     const uint width,
@@ -37,14 +60,14 @@ kernel void row_cdf(global const float *restrict radiance,
     float16 hi = 0.0f, lo = 0.0f;
     const uint whole = width - width % LANES;
     for (uint x = 0; x < whole; x += LANES) {
-        const float16 f = WEIGHT(weights, x);
-        *(global unaligned_uint16 *)(cdf + x) = as_uint16(f);
+        const float16 f = weights_above(radiance + 3 * (size_t)x, scale, offset);
+        store_unaligned(as_uint16(f), cdf + x);
         COMPENSATED_ADD(float16, hi, lo, f);
     }
     if (whole < width) {
         float rest[LANES] = {0.0f};
         for (uint x = whole; x < width; ++x) {
-            const float f = WEIGHT(weight, x);
+            const float f = weight_above(radiance + 3 * (size_t)x, scale, offset);
             cdf[x] = as_uint(f);
             rest[x - whole] = f;
         }
@@ -52,7 +75,7 @@ kernel void row_cdf(global const float *restrict radiance,
         COMPENSATED_ADD(float16, hi, lo, f);
     }
 
-    const float2 sum = sum_of_lanes(hi, lo);
+    const float2 sum = sum_of_double_words(hi, lo);
     row_sum[y] = sum;
     weights_to_cdf_prefetching(cdf, width, sum.x, radiance + 3 * (size_t)width);
 }

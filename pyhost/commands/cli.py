@@ -82,6 +82,13 @@ def map_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--flip", action="store_true", help="reverse the rows, for a file that was written upside down")
 
 
+def quicken(parser: argparse.ArgumentParser, args: argparse.Namespace, **values: object) -> None:
+    """Set the options that ``--quick`` makes smaller to ``values``, but for those that were given."""
+    for name, value in values.items():
+        if getattr(args, name) == parser.get_default(name):
+            setattr(args, name, value)
+
+
 def load_map(args: argparse.Namespace) -> EnvironmentMap:
     """The map that the options of :func:`map_options` name; remarks on it go to standard error."""
     from ..maps.envmap import EnvironmentMap  # only here: a script without a map needs no image library

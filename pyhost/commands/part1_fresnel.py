@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import asdict
 
 from .. import __version__
 from ..errors import exactly
-from ..files import replacing
+from ..files import write_json
 from ..fresnel.equations import Summary, summarise
 from . import cli, settings
 
@@ -61,9 +60,7 @@ def main() -> None:
 
     summary = summarise(arguments.eta)
     written = [out / "fresnel.json"]
-    with replacing(written[0]) as path:
-        content = {"version": __version__, **asdict(summary)}
-        path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    write_json(written[0], {"version": __version__, **asdict(summary)})
 
     air, material = (1.0, "air"), (arguments.eta, "material")
     for direction, (n_i, from_name), (n_t, to_name) in (

@@ -81,7 +81,7 @@ def main() -> None:
 
 def make(args: argparse.Namespace) -> None:
     from .. import pbrt
-    from ..evaluation import peer_mitsuba, report
+    from ..evaluation import mitsuba_process, report
     from . import settings
 
     report.require_typst()
@@ -124,7 +124,7 @@ def make(args: argparse.Namespace) -> None:
         *(["--pbrt", args.pbrt] if args.pbrt else []),
     )
     options = {"quick": args.quick}
-    mitsuba = ["mitsuba"] if peer_mitsuba.installed() else []
+    mitsuba = ["mitsuba"] if mitsuba_process.installed() else []
     part4 = runs.settings["part4"]
     peer_pbrt = ["pbrt"] if part4["pbrt"] else []
     runs.need(

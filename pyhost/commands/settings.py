@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .. import __version__
-from ..files import replacing
+from ..files import write_json
 from ..progress import Progress
 
 if TYPE_CHECKING:  # a script without a map or a device needs no libraries for them
@@ -90,9 +90,7 @@ def file_sum(path: Path) -> str:
 def write(folder: Path, content: Mapping[str, object], names: Iterable[str]) -> None:
     """Write ``content`` and the sums of the complete files ``names`` in ``folder`` to its ``settings.json``."""
     sums = {name: file_sum(folder / name) for name in sorted(names)}
-    with replacing(folder / NAME) as temporary:
-        text = json.dumps({**content, "files": sums}, indent=2, allow_nan=False)
-        temporary.write_text(text + "\n", encoding="utf-8")
+    write_json(folder / NAME, {**content, "files": sums})
 
 
 def read(path: Path) -> dict[str, object] | None:

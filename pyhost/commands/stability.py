@@ -13,7 +13,7 @@ DRAWS, QUICK_DRAWS = 10_000_000, 200_000
 def main() -> None:
     parser = cli.parser(
         "Check probabilities, sums, CDFs, draws and images on maps that break samplers, against float64.\n\n"
-        "Writes stability.csv, stability.json, stability.md and stability.png; exits with 1 if a case fails.",
+        "Writes stability.csv, stability.json and stability.png; exits with 1 if a case fails.",
         "scripts/stability.py --quick",
         "out/stability",
     )
@@ -32,8 +32,8 @@ def run(args: argparse.Namespace) -> None:
 
     from ..errors import LightdomeError
     from ..evaluation import peer_mitsuba_distribution, stability, stability_plot
-    from ..evaluation.benchmark_plot import save
     from ..evaluation.stability_cases import CASES
+    from ..plotting import save_figure
     from ..progress import Progress
     from .settings import settings
 
@@ -62,14 +62,13 @@ def run(args: argparse.Namespace) -> None:
         print(f"peer {name}: absent ({reason})")
 
     made_with = settings(device, None, vars(args) | {"draws": draws}) | {"peers": about, "absent": absent}
-    stability.write_csv(out / "stability.csv", results)
-    stability.write_json(out / "stability.json", results, made_with)
-    stability.write_markdown(out / "stability.md", results)
-    save(
+    stability.write_stability_csv(out / "stability.csv", results)
+    stability.write_stability_json(out / "stability.json", results, made_with)
+    save_figure(
         stability_plot.table(results, f"Stability, {draws:,} draws a case, {device.handle.name.strip()}"),
         out / "stability.png",
     )
-    print(f"\nwrote {out}/stability.csv, stability.json, stability.md, stability.png")
+    print(f"\nwrote {out}/stability.csv, stability.json, stability.png")
 
     own = [result for result in results if result.judged]
     failed = sum(result.verdict == "FAILS" for result in own)

@@ -7,11 +7,9 @@ measured over several seeds. See :mod:`lightdome.evaluation.benchmark_plot` for 
 
 from __future__ import annotations
 
-import csv
-import json
 import statistics
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from functools import partial
 from pathlib import Path
@@ -20,7 +18,7 @@ from typing import Literal
 import numpy as np
 
 from ..disc import disc_mask
-from ..files import replacing
+from ..files import write_json, write_table
 from ..lighting.exact import exact
 from ..lighting.harmonics import project, shade_harmonics
 from ..lighting.median_cut import median_cut
@@ -31,6 +29,7 @@ from ..names import per_pixel as per_pixel_name
 from ..opencl.device import Device
 from ..rendering.per_pixel import PIXELS_OF, render
 from ..sampling.distribution import build_distribution
+from .metrics import half_quartile_distance, relative_rmse
 
 ORDERS = (1, 2, 4, 6, 8, 10, 12, 16, 18, 24, 32)  # odd ones past 1 add nothing to irradiance
 
@@ -61,7 +60,7 @@ class Method:
 
 
 @dataclass(frozen=True)
-class Measurement:
+class MethodMeasurement:
     """One method at one count. Errors are relative to the exact image's root mean square over the disc."""
 
     method: str
@@ -129,20 +128,19 @@ def _exact(
     return exact(device, envmap, resolution, pixels=pixels)
 
 
-def measure(method: Method, count: int, seeds: int, repeats: int, reference: np.ndarray) -> Measurement:
+def measure_method(method: Method, count: int, seeds: int, repeats: int, reference: np.ndarray) -> MethodMeasurement:
     """Run ``method`` at ``count`` over ``seeds`` for its error and ``repeats`` times for its time.
 
     ``reference`` is the exact image that it converges to, the one of ``method.pixels``.
     """
     mask = disc_mask(len(reference))
     truth = reference[mask].astype(np.float64)
-    scale = np.sqrt((truth**2).mean())
 
     errors, largest, means = [], [], []
 
     def judge(image: np.ndarray) -> None:  # and forget it: many seeds need no more memory than one
         difference = image[mask] - truth
-        errors.append(float(np.sqrt((difference**2).mean()) / scale))
+        errors.append(relative_rmse(image[mask], truth))
         largest.append(np.abs(difference).max())
         means.append(difference.mean())
 
@@ -165,7 +163,7 @@ def measure(method: Method, count: int, seeds: int, repeats: int, reference: np.
 
     for seed in range(1, seeds if method.random else 1):
         judge(method.run(count, seed))
-    return Measurement(
+    return MethodMeasurement(
         method=method.name,
         kind=method.kind,
         count=count,
@@ -175,7 +173,7 @@ def measure(method: Method, count: int, seeds: int, repeats: int, reference: np.
         largest_error=float(np.mean(largest) / truth.max()),
         bias=float(np.mean(means) / truth.mean()),
         wall_seconds=median,
-        wall_spread=float(np.subtract(*np.percentile(walls, [75, 25])) / 2),
+        wall_spread=half_quartile_distance(walls),
         first_seconds=first,
         pixels=method.pixels,
         peer=method.peer,
@@ -183,41 +181,14 @@ def measure(method: Method, count: int, seeds: int, repeats: int, reference: np.
     )
 
 
-def pareto_front(points: Iterable[Measurement]) -> list[Measurement]:
-    """Those that nothing beats in both time and error, by increasing time."""
-    front: list[Measurement] = []
-    for point in sorted(points, key=lambda m: (m.wall_seconds, m.rmse)):
-        if not front or point.rmse < front[-1].rmse:
-            front.append(point)
-    return front
-
-
-def cheapest(points: Sequence[Measurement], error: float) -> Measurement | None:
-    """The measured method of at most ``error`` that took the least time, None if there is none."""
-    return min((m for m in points if m.rmse <= error), key=lambda m: m.wall_seconds, default=None)
-
-
-def slope(points: Sequence[Measurement]) -> float | None:
-    """The exponent b of the fit rmse ~ count^b, None for fewer than two counts."""
-    if len({m.count for m in points}) < 2 or min(m.rmse for m in points) <= 0:
-        return None
-    logs = np.log([[m.count, m.rmse] for m in points])
-    return float(np.polyfit(logs[:, 0], logs[:, 1], 1)[0])
-
-
-def write_csv(path: Path, points: Sequence[Measurement]) -> None:
-    """One row a measurement, a column a figure; stages in seconds as ``stage <name>``."""
+def write_method_csv(path: Path, points: Sequence[MethodMeasurement]) -> None:
+    """A row for each measurement, a column for each figure; stages in seconds as ``stage <name>``."""
     names = list(dict.fromkeys(stage for p in points for stage in p.stages))
-    columns = [f.name for f in fields(Measurement) if f.name != "stages"]
-    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow([*columns, *(f"stage {name}" for name in names)])
-        for p in points:
-            writer.writerow([*(getattr(p, c) for c in columns), *(p.stages.get(name, "") for name in names)])
+    columns = [f.name for f in fields(MethodMeasurement) if f.name != "stages"]
+    rows = ([*(getattr(p, c) for c in columns), *(p.stages.get(name) for name in names)] for p in points)
+    write_table(path, [*columns, *(f"stage {name}" for name in names)], rows)
 
 
-def write_json(path: Path, points: Sequence[Measurement], settings: Mapping[str, object]) -> None:
+def write_method_json(path: Path, points: Sequence[MethodMeasurement], settings: Mapping[str, object]) -> None:
     """The settings and all measurements."""
-    with replacing(path) as temporary:
-        text = json.dumps({**settings, "measurements": [asdict(p) for p in points]}, indent=2)
-        temporary.write_text(text + "\n", encoding="utf-8")
+    write_json(path, {**settings, "measurements": [asdict(p) for p in points]}, allow_nan=True)

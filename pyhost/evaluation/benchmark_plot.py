@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import cycle
-from pathlib import Path
 
 import numpy as np
 
@@ -18,33 +17,24 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from ..disc import disc_mask
-from ..files import replacing
 from ..maps.images import auto_exposure, tone_map
-from .benchmark import Measurement, pareto_front, slope
+from ..plotting import COLOURS, MARKERS
+from .benchmark import MethodMeasurement
+from .metrics import LEVELS, cheapest, most_exact, pareto_front, relative_rmse, slope
 
-# Okabe and Ito's colours, told apart by colour-blind readers; markers tell them apart in grey.
-COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999933"]
-MARKERS = ["o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "h", "p"]
 ROUNDING = 1e-6  # an error below this is the exact image
 READ_OUT = {"family": "monospace", "size": 7}
 DASHES = {"shared": "-", "per pixel": "--", "order": ":", "peer": "-."}
 
 
-@plotting.plain()
-def save(figure: Figure, path: Path) -> None:
-    """Write the figure; the file appears when it is complete."""
-    with replacing(path) as temporary:
-        figure.savefig(temporary, dpi=150, metadata={"Software": None} if path.suffix == ".png" else None)
-
-
-def _by_method(points: Sequence[Measurement]) -> dict[str, list[Measurement]]:
-    result: dict[str, list[Measurement]] = {}
+def _by_method(points: Sequence[MethodMeasurement]) -> dict[str, list[MethodMeasurement]]:
+    result: dict[str, list[MethodMeasurement]] = {}
     for point in points:
         result.setdefault(point.method, []).append(point)
     return {name: sorted(of_it, key=lambda m: m.count) for name, of_it in result.items()}
 
 
-def _style(index: int, point: Measurement) -> dict[str, object]:
+def _style(index: int, point: MethodMeasurement) -> dict[str, object]:
     return {
         "color": COLOURS[index % len(COLOURS)],
         "marker": MARKERS[index % len(MARKERS)],
@@ -72,8 +62,8 @@ def _label_decades(axes: Axes) -> None:
 
 
 @plotting.plain()
-def error_against_time(points: Sequence[Measurement], title: str) -> Figure:
-    """Log-log, a line a method, the Pareto front drawn, with read-outs at equal error and equal time."""
+def error_against_time(points: Sequence[MethodMeasurement], title: str) -> Figure:
+    """Log-log, a line for each method, the Pareto front drawn, with read-outs at equal error and equal time."""
     exact = [p for p in points if p.rmse < ROUNDING]
     points = [p for p in points if p.rmse >= ROUNDING]
     figure, axes = _axes(title)
@@ -116,23 +106,23 @@ def error_against_time(points: Sequence[Measurement], title: str) -> Figure:
     return figure
 
 
-def _read_outs(points: Sequence[Measurement]) -> str:
+def _read_outs(points: Sequence[MethodMeasurement]) -> str:
     lines = ["cheapest at equal error"]
-    for error in (0.1, 0.03, 0.01, 0.003):
-        best = min((p for p in points if p.rmse <= error), key=lambda p: p.wall_seconds, default=None)
+    for error in LEVELS:
+        best = cheapest(points, error)
         found = f"{best.method} {best.count}, {1e3 * best.wall_seconds:.1f} ms" if best else "none measured"
         lines.append(f"  {100 * error:4.1f} %  {found}")
     lines.append("most exact at equal time")
     for seconds in (0.01, 0.03, 0.1, 1):
-        best = min((p for p in points if p.wall_seconds <= seconds), key=lambda p: p.rmse, default=None)
+        best = most_exact(points, seconds)
         found = f"{best.method} {best.count}, {100 * best.rmse:.2f} %" if best else "none measured"
         lines.append(f"  {1e3 * seconds:4.0f} ms {found}")
     return "\n".join(lines)
 
 
 @plotting.plain()
-def error_against_count(points: Sequence[Measurement], title: str) -> Figure:
-    """Log-log, a line a method with its spread over the seeds, the fitted slope in the legend."""
+def error_against_count(points: Sequence[MethodMeasurement], title: str) -> Figure:
+    """Log-log, a line for each method with its spread over the seeds, the fitted slope in the legend."""
     figure, axes = _axes(title)
     lines = {n: line for n, line in _by_method([p for p in points if p.rmse > 0]).items() if len(line) > 1}
     for i, (name, line) in enumerate(lines.items()):
@@ -154,8 +144,8 @@ def error_against_count(points: Sequence[Measurement], title: str) -> Figure:
 
 
 @plotting.plain()
-def stages(points: Sequence[Measurement], title: str) -> Figure:
-    """A bar a run: time of each stage stacked, and what the host adds up to the wall time."""
+def stages(points: Sequence[MethodMeasurement], title: str) -> Figure:
+    """A bar for each run: time of each stage stacked, and what the host adds up to the wall time."""
     points = [p for p in points if p.stages]
     names = list(dict.fromkeys(stage for p in points for stage in p.stages))
     figure = Figure(figsize=(9, 0.8 + 0.22 * max(len(points), 6)), layout="constrained")
@@ -212,9 +202,7 @@ def images(
         own = (exact_of or {}).get(name, exact)
         error = np.abs(image - own).max(axis=2) / peak
         bottom.imshow(np.where(mask, np.maximum(error, 1e-4), np.nan), norm=norm, cmap="magma")
-        truth = own[mask].astype(np.float64)  # squares may leave float32's range
-        rmse = np.sqrt(((image[mask] - truth) ** 2).mean() / (truth**2).mean())
-        bottom.set_title(f"{100 * rmse:.2f} %", fontsize=8)
+        bottom.set_title(f"{100 * relative_rmse(image[mask], own[mask]):.2f} %", fontsize=8)
         error_axes.append(bottom)
     figure.colorbar(
         ScalarMappable(norm, "magma"),

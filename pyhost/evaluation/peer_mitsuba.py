@@ -1,4 +1,4 @@
-"""Mitsuba 3 as a peer: the same sphere, drawn in a process of its own.
+"""Mitsuba 3 as a peer: the same sphere, drawn in a process of its own (:mod:`lightdome.evaluation.mitsuba_process`).
 
 The map. Mitsuba's +y is up like ours, but column 0 looks along -z where ours looks along +x: a quarter
 turn, ``rotate([0, 1, 0], -90)``, and no mirror. It interpolates between the centres of columns, as one
@@ -15,39 +15,21 @@ best of Mitsuba's for its number of samples: at 64, 5.6 % relative RMSE where ``
 rounds up counts that it cannot arrange, 32 to 35; time and error are those of what it took, and ``about``
 keeps how many that was.
 
-A process of its own, because an LLVM that Dr.Jit takes may still abort: LLVM 15 and 16 lack what Dr.Jit's
-code needs on some processors. It draws a small image before it counts as there.
-
 Sources: https://mitsuba.readthedocs.io, plug-ins ``envmap``, ``orthographic``, ``direct``, ``multijitter``.
 """
 
 from __future__ import annotations
 
-import contextlib
-import multiprocessing
-import os
 import time
-import weakref
-from importlib.util import find_spec
-from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..disc import disc_mask
-from ..errors import LightdomeError
-from ..interrupts import Unheard
+from .mitsuba_process import MitsubaProcess, use_variant
 
 VARIANTS = ("scalar_rgb", "llvm_ad_rgb")
-MIN_LLVM = 17
 FAR_BEHIND = 100.0
-START_TIMEOUT = 120.0
-
-
-def installed() -> bool:
-    """Whether the package ``mitsuba`` is there; imports nothing."""
-    return find_spec("mitsuba") is not None
 
 
 def between_poles(radiance: np.ndarray) -> np.ndarray:
@@ -60,32 +42,25 @@ def between_poles(radiance: np.ndarray) -> np.ndarray:
     return np.repeat(rows, 2, axis=1) if radiance.shape[1] < 2 else rows
 
 
-class Mitsuba:
-    """A process that holds a map and draws the sphere under it with one of :data:`VARIANTS`.
+class MitsubaRenderer:
+    """Mitsuba with a map, which draws the sphere under it with one of :data:`VARIANTS`.
 
-    ``Mitsuba(variant, radiance)`` raises :class:`LightdomeError` where Mitsuba, or for ``llvm_ad_rgb`` an
-    LLVM of version 17 or newer, is missing or does not work. The process ends with the object.
+    ``MitsubaRenderer(variant, radiance)`` raises :class:`LightdomeError` where Mitsuba, or for ``llvm_ad_rgb`` an
+    LLVM of version 17 or newer, is missing or does not work. Its process ends with the object.
     ``about`` says what runs: version, LLVM, threads, the seconds of its start with a first, small image, and
-    the samples that it took a pixel by those that it was told.
+    the samples that it took per pixel by those that it was told.
     """
 
     def __init__(self, variant: str, radiance: np.ndarray) -> None:
         self.variant = variant
         start = time.perf_counter()
-        # Not forked: a copy of OpenCL's threads and locks would be broken.
-        context = multiprocessing.get_context("spawn")
-        self._connection, theirs = context.Pipe()
-        self._process = context.Process(target=_work, args=(theirs, variant), daemon=True)
-        with Unheard():  # Ctrl-C goes to the whole group
-            self._process.start()
-        theirs.close()
-        self._stop = weakref.finalize(self, _stop, self._process, self._connection)
-        with contextlib.suppress(OSError):  # a process that has ended says why below
-            self._connection.send(between_poles(radiance))
-        self.about: dict[str, object] = self._receive(START_TIMEOUT)
-        self.about["start-up seconds"] = time.perf_counter() - start
+        self._process = MitsubaProcess(SphereWorker, variant, between_poles(radiance))
         self._taken: dict[int, int] = {}
-        self.about["samples per pixel"] = self._taken
+        self.about: dict[str, object] = {
+            **self._process.about,
+            "start-up seconds": time.perf_counter() - start,
+            "samples per pixel": self._taken,
+        }
 
     def render(self, resolution: int, spp: int, seed: int) -> tuple[np.ndarray, dict[str, float]]:
         """The image (R, R, 3) float32, 0 outside the disc, and the seconds of its stages by the process's clock.
@@ -94,88 +69,37 @@ class Mitsuba:
         in memory. What the image takes from process to process is no part of them. Raises
         :class:`LightdomeError` where Mitsuba fails, ends, or takes some hundred times what it should.
         """
-        with contextlib.suppress(OSError):
-            self._connection.send((resolution, spp, seed))
-        image, stages, self._taken[spp] = self._receive(300 + 2e-3 * spp * resolution**2)
+        timeout = 300 + 2e-3 * spp * resolution**2
+        image, stages, self._taken[spp] = self._process.call("draw", resolution, spp, seed, timeout=timeout)
         image[~disc_mask(resolution)] = 0
         return image, stages
 
-    def _receive(self, timeout: float) -> Any:
-        try:
-            answer = self._connection.recv() if self._connection.poll(timeout) else f"did not answer in {timeout:.0f} s"
-        except (EOFError, OSError):
-            self._process.join(10)
-            code = self._process.exitcode
-            answer = f"crashed (signal {-code})" if code is not None and code < 0 else f"ended with exit status {code}"
-        if isinstance(answer, str):
-            self._stop()
-            raise LightdomeError(answer)
-        return answer
+
+# ---- in the process ----
 
 
-def _stop(process: multiprocessing.process.BaseProcess, connection: Connection) -> None:
-    connection.close()
-    process.kill()
-    process.join(10)
+class SphereWorker:
+    """The map as Mitsuba's bitmap; it draws a small image before it counts as there."""
 
+    def __init__(self, variant: str, rows: np.ndarray) -> None:
+        self.about = use_variant(variant)
+        import drjit
+        import mitsuba
 
-def _work(connection: Connection, variant: str) -> None:
-    """The process: take the map, try a small image and say what runs, then draw; a text is an error."""
-    # Dr.Jit and LLVM complain over many lines where a text says what is wrong.
-    with Path(os.devnull).open("wb") as nowhere:
-        os.dup2(nowhere.fileno(), 1)
-        os.dup2(nowhere.fileno(), 2)
-    try:
-        rows = connection.recv()
-        try:
-            about, bitmap = _start(variant, rows)
-        except Exception as error:
-            connection.send(_line(error))
-            return
-        connection.send(about)
-        while True:
-            resolution, spp, seed = connection.recv()
-            try:
-                connection.send(_draw(bitmap, resolution, spp, seed))
-            except Exception as error:
-                connection.send(_line(error))
-    except (EOFError, OSError):
-        return  # the other side has gone
+        self.about["threads"] = drjit.thread_count()
+        self._bitmap = mitsuba.Bitmap(rows)
+        self.draw(8, 1, 0)
 
+    def draw(self, resolution: int, spp: int, seed: int) -> tuple[np.ndarray, dict[str, float], int]:
+        """The image, the seconds of its stages, and the samples that were taken per pixel."""
+        import mitsuba
 
-def _line(error: Exception) -> str:
-    return (str(error) if isinstance(error, LightdomeError) else f"{type(error).__name__}: {error}").splitlines()[0]
-
-
-def _start(variant: str, rows: np.ndarray) -> tuple[dict[str, object], Any]:
-    import drjit
-    import mitsuba
-
-    about: dict[str, object] = {"mitsuba": mitsuba.__version__, "threads": drjit.thread_count()}
-    if variant.startswith("llvm"):
-        advice = "set DRJIT_LIBLLVM_PATH to its libLLVM.so"
-        if not drjit.has_backend(drjit.JitBackend.LLVM):
-            raise LightdomeError(f"needs LLVM {MIN_LLVM} or newer; {advice}")
-        found = drjit.detail.llvm_version()
-        about["llvm"] = ".".join(map(str, found))
-        if found[0] < MIN_LLVM:
-            raise LightdomeError(f"needs LLVM {MIN_LLVM} or newer and found {about['llvm']}; {advice}")
-    mitsuba.set_variant(variant)
-    mitsuba.set_log_level(mitsuba.LogLevel.Error)
-    bitmap = mitsuba.Bitmap(rows)
-    _draw(bitmap, 8, 1, 0)
-    return about, bitmap
-
-
-def _draw(bitmap: Any, resolution: int, spp: int, seed: int) -> tuple[np.ndarray, dict[str, float], int]:
-    import mitsuba
-
-    start = time.perf_counter()
-    scene = mitsuba.load_dict(_scene(mitsuba, bitmap, resolution, spp))
-    loaded = time.perf_counter()
-    image = np.array(mitsuba.render(scene, seed=seed % 2**32), dtype=np.float32)
-    stages = {"scene": loaded - start, "render": time.perf_counter() - loaded}
-    return image, stages, scene.sensors()[0].sampler().sample_count()
+        start = time.perf_counter()
+        scene = mitsuba.load_dict(_scene(mitsuba, self._bitmap, resolution, spp))
+        loaded = time.perf_counter()
+        image = np.array(mitsuba.render(scene, seed=seed % 2**32), dtype=np.float32)
+        stages = {"scene": loaded - start, "render": time.perf_counter() - loaded}
+        return image, stages, scene.sensors()[0].sampler().sample_count()
 
 
 def _scene(mitsuba: Any, bitmap: Any, resolution: int, spp: int) -> dict[str, object]:

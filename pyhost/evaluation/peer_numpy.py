@@ -69,7 +69,7 @@ def shade(direction: np.ndarray, flux: np.ndarray, resolution: int) -> np.ndarra
     return image
 
 
-def render(radiance: np.ndarray, resolution: int, count: int, seed: int) -> tuple[np.ndarray, dict[str, float]]:
+def draw_and_shade(radiance: np.ndarray, resolution: int, count: int, seed: int) -> tuple[np.ndarray, dict[str, float]]:
     """The image of ``count`` shared samples, and the seconds of its stages."""
     start = time.perf_counter()
     direction, flux = draw(radiance, count, seed)

@@ -1,14 +1,14 @@
 """Other programs on the same sphere, as methods of the benchmark: numpy, Mitsuba 3 and PBRT.
 
     found = find(["numpy", "mitsuba", "pbrt"], envmap, resolution)
-    found.methods   # what is there, by name, for lightdome.evaluation.benchmark.measure
+    found.methods   # what is there, by name, for lightdome.evaluation.benchmark.measure_method
     found.absent    # what is not, by name, and why
 
 Same map, same resolution, same error measure, all cores. Each keeps the time of its stages by its own
 clock, so that start-up and compilation stay apart; ``found.about`` says what each time holds. What is not
 there, or fails when it is tried, is absent: nothing is guessed.
 
-numpy shares samples among all pixels like lightdome's own shared methods; Mitsuba and PBRT draw samples a
+numpy shares samples among all pixels like lightdome's own shared methods; Mitsuba and PBRT draw samples per
 pixel. numpy takes a pixel of the map for the direction of its centre. PBRT-v4 has a square whose texels, areas
 of constant radiance, share out the flux of the map's pixels; PBRT-v3 and Mitsuba interpolate between pixels. So
 neither exact image is quite what these three converge to. That of areas is the nearer one, which they are
@@ -28,10 +28,10 @@ from ..errors import LightdomeError, shown
 from ..maps.envmap import EnvironmentMap
 from . import peer_mitsuba, peer_numpy
 from .benchmark import Method
+from .mitsuba_process import INSTALL, installed
 from .peer_pbrt import PbrtPeer
 
 NAMES = ("numpy", "mitsuba", "pbrt")
-INSTALL = "pip install 'lightdome[peers]'"
 
 Timed = Callable[[int, int, int], tuple[np.ndarray, dict[str, float]]]  # (resolution, count, seed) -> image, stages
 
@@ -80,17 +80,17 @@ def _method(name: str, kind: str, run: Timed, resolution: int, random: bool = Tr
 
 
 def _numpy(envmap: EnvironmentMap) -> Timed:
-    return lambda resolution, count, seed: peer_numpy.render(envmap.radiance, resolution, count, seed)
+    return lambda resolution, count, seed: peer_numpy.draw_and_shade(envmap.radiance, resolution, count, seed)
 
 
 def _find_mitsuba(peers: Peers, envmap: EnvironmentMap, resolution: int) -> None:
-    if not peer_mitsuba.installed():
+    if not installed():
         peers.absent["mitsuba"] = INSTALL
         return
     for variant in peer_mitsuba.VARIANTS:
         name = f"mitsuba {variant}"
         try:
-            mitsuba = peer_mitsuba.Mitsuba(variant, envmap.radiance)
+            mitsuba = peer_mitsuba.MitsubaRenderer(variant, envmap.radiance)
         except LightdomeError as error:
             peers.absent[name] = str(error)
             continue

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from .. import plotting  # noqa: F401 - first: it imports matplotlib
+from .. import plotting  # first: it imports matplotlib
 
 # isort: split
 from matplotlib.colors import to_hex
@@ -27,7 +27,7 @@ from matplotlib.figure import Figure
 
 from ..disc import disc_mask
 from ..errors import LightdomeError
-from ..files import replacing
+from ..files import replacing, write_json
 from ..lighting.exact import exact_kept
 from ..maps.envmap import EnvironmentMap
 from ..maps.images import auto_exposure, read_image, tone_map, write_image
@@ -36,14 +36,13 @@ from ..progress import Progress
 from ..sampling.distribution import build_distribution
 from ..sampling.samples import Samples
 from . import benchmark_plot, report_figures, stability, stability_plot
-from .benchmark import Measurement, cheapest
-from .report_figures import left_after_averaging
+from .benchmark import MethodMeasurement
+from .metrics import LEVELS, cheapest, left_after_averaging
 
 PDF, ARCHIVE, SUMS = "report.pdf", "lightdome-report.zip", "SHA256SUMS"
 TEMPLATE = ("report.typ", "report.bib")
 MISSING = "the report is typeset with Typst, which is not installed; pip install 'lightdome[report]'"
 AVERAGED = 16  # pixels: the side of the squares that the text speaks of
-LEVELS = (0.1, 0.03, 0.01, 0.003)
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ class Images:
         """The shared and the per-pixel images by the names that figures and tables give them."""
         return (
             {f"{n} shared": image for n, image in self.shared.items()},
-            {f"{n} a pixel": image for n, image in self.per_pixel.items()},
+            {f"{n} per pixel": image for n, image in self.per_pixel.items()},
         )
 
     def alike(self) -> tuple[tuple[str, np.ndarray], tuple[str, np.ndarray]]:
@@ -119,7 +118,14 @@ def _options(results: Results, name: str, option: str) -> Any:
     return results.settings[name]["options"][option]
 
 
-def write(device: Device, envmap: EnvironmentMap, map_name: str, results: Results, out: Path) -> int:
+def write(
+    device: Device,
+    envmap: EnvironmentMap,
+    map_name: str,
+    results: Results,
+    out: Path,
+    _draw: Callable[[Device, EnvironmentMap, Results, Images, Path], None] | None = None,
+) -> int:
     """Write ``report.pdf``, the exact sphere's image and ``lightdome-report.zip`` into ``out``; the number of images.
 
     Raises :class:`LightdomeError` if a file cannot be read or written, no light falls on the sphere, or Typst is
@@ -140,9 +146,8 @@ def write(device: Device, envmap: EnvironmentMap, map_name: str, results: Result
 
     with tempfile.TemporaryDirectory(prefix="lightdome-") as name:
         folder = Path(name)
-        _draw(device, envmap, results, images, folder)
-        text = json.dumps(numbers(envmap, map_name, results, images), allow_nan=False)
-        (folder / "data.json").write_text(text, encoding="utf-8")
+        (_draw or draw)(device, envmap, results, images, folder)
+        write_json(folder / "data.json", numbers(envmap, map_name, results, images))
         for file in TEMPLATE:
             shutil.copy(Path(__file__).with_name(file), folder)
         pdf = _typeset(folder)
@@ -152,8 +157,8 @@ def write(device: Device, envmap: EnvironmentMap, map_name: str, results: Result
     return len(packed)
 
 
-def _draw(device: Device, envmap: EnvironmentMap, results: Results, images: Images, folder: Path) -> None:
-    """All figures, by the names that ``report.typ`` knows them by."""
+def draw(device: Device, envmap: EnvironmentMap, results: Results, images: Images, folder: Path) -> None:
+    """Write all figures into ``folder``, by the names that ``report.typ`` knows them by."""
     shared, per_pixel = images.named()
     points = _points(results)
     figures: dict[str, Callable[[], Figure]] = {
@@ -167,7 +172,7 @@ def _draw(device: Device, envmap: EnvironmentMap, results: Results, images: Imag
     }
     with Progress("figures") as progress:
         for done, (stem, draw) in enumerate(figures.items()):
-            report_figures.save(draw(), folder / f"{stem}.svg")
+            plotting.save_figure(draw(), folder / f"{stem}.svg", report_figures.DPI)
             progress.update((done + 1) / len(figures))
     ready = {
         "part1": [f"{what}_{way}.svg" for what in ("fresnel", "schlick") for way in ("entering", "leaving")],
@@ -215,8 +220,8 @@ def numbers(envmap: EnvironmentMap, map_name: str, results: Results, images: Ima
     }
 
 
-def _points(results: Results) -> list[Measurement]:
-    return [Measurement(**m) for m in results.settings["bench"]["measurements"]]
+def _points(results: Results) -> list[MethodMeasurement]:
+    return [MethodMeasurement(**m) for m in results.settings["bench"]["measurements"]]
 
 
 def _typeset(folder: Path) -> bytes:
@@ -287,7 +292,7 @@ def _fresnel(folder: Path) -> dict[str, object]:
     return {name: value if value is None or name == "version" else f"{value:.6g}" for name, value in content.items()}
 
 
-def _seeds(points: list[Measurement]) -> list[list[str]]:
+def _seeds(points: list[MethodMeasurement]) -> list[list[str]]:
     """The benchmark's plainest shared and per-pixel method: what one image is off, and what the mean of all is."""
     return [
         [p.method, str(p.count), str(p.seeds), _percent(p.rmse), _percent(p.rmse_spread), f"{100 * p.bias:+.3f}"]
@@ -296,7 +301,7 @@ def _seeds(points: list[Measurement]) -> list[list[str]]:
     ]
 
 
-def _cheapest(points: list[Measurement]) -> list[list[str]]:
+def _cheapest(points: list[MethodMeasurement]) -> list[list[str]]:
     """For each level of error the fastest method, its count, error and milliseconds; dashes where none was measured."""
     rows = []
     for level in LEVELS:
@@ -335,7 +340,7 @@ def _stability(content: Mapping[str, Any]) -> dict[str, object]:
 
 
 def _table(program: str, cases: Sequence[Mapping[str, Any]], goals: Mapping[str, Any]) -> dict[str, object]:
-    """The columns that apply: name, goal, meaning; a row a case: group, name, what went wrong, coloured cells."""
+    """The columns that apply: name, goal, meaning; for each case its group, name, what went wrong, coloured cells."""
     columns = {name: column for name, column in goals.items() if any(name in case["figures"] for case in cases)}
     rows = []
     for case in cases:

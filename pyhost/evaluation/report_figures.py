@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import cycle
-from pathlib import Path
 
 import numpy as np
 
@@ -19,23 +18,15 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from ..disc import disc_mask
-from ..files import replacing
 from ..maps.images import auto_exposure, tone_map
 from ..opencl import memory
+from ..plotting import BLACK, BLUE, VERMILLION
 from ..sampling.distribution import Distribution
-from .benchmark_plot import MARKERS
+from .metrics import left_after_averaging
 
-BLACK, BLUE, VERMILLION = "#000000", "#0072B2", "#D55E00"
 LINES = [(BLACK, "-"), (BLUE, "--"), (VERMILLION, (0, (1.2, 1.2)))]
 SIDES = (1, 2, 4, 8, 16, 32, 64)  # pixels
 DPI = 300  # of the pictures inside: those of 511 pixels stay as sharp as they are
-SVG = {"svg.hashsalt": "lightdome"}  # without a salt of its own the file would differ from run to run
-
-
-def save(figure: Figure, path: Path) -> None:
-    """Write the figure as SVG; the same figure gives the same bytes."""
-    with replacing(path) as temporary, plotting.plain(**SVG):
-        figure.savefig(temporary, format="svg", dpi=DPI, metadata={"Date": None})
 
 
 @plotting.plain()
@@ -124,24 +115,6 @@ def _grey(pixels: np.ndarray) -> np.ndarray:
     return pixels.mean(axis=-1, dtype=np.float64)  # sums of three may leave float32's range
 
 
-def left_after_averaging(image: np.ndarray, exact: np.ndarray, side: int) -> float:
-    """The relative RMSE that is left when both images are averaged over squares of ``side`` pixels.
-
-    Only squares inside the sphere count; NaN where none is, or no light falls on them.
-    """
-    whole = len(exact) // side * side
-    inside = disc_mask(len(exact))[:whole, :whole].reshape(whole // side, side, -1, side).all(axis=(1, 3))
-
-    def squares(pixels: np.ndarray) -> np.ndarray:
-        blocks = pixels[:whole, :whole].astype(np.float64).reshape(whole // side, side, -1, side, 3)
-        return blocks.mean(axis=(1, 3))[inside]
-
-    truth = squares(exact)
-    if not truth.any():
-        return float("nan")
-    return float(np.sqrt(((squares(image) - truth) ** 2).mean() / (truth**2).mean()))
-
-
 @plotting.plain()
 def averaging(
     shared: Mapping[str, np.ndarray],
@@ -155,7 +128,7 @@ def averaging(
     """
     figure = Figure(figsize=(9, 3.8), layout="constrained")
     axes = figure.add_subplot()
-    markers = cycle(MARKERS)
+    markers = cycle(plotting.MARKERS)
     own = exact if exact_per_pixel is None else exact_per_pixel
     for images, truth, colour, style in ((shared, exact, BLUE, "-"), (per_pixel, own, VERMILLION, "--")):
         for name, image in images.items():

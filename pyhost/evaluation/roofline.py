@@ -1,10 +1,10 @@
 """Stages against the machine's own limits, measured in the same run.
 
-A machine moves so many bytes a second and multiplies and adds so many float32 a second, and both are measured
+A machine moves so many bytes per second and multiplies and adds so many float32 per second, and both are measured
 here by small kernels of our own (``copy.cl``, ``multiply_add.cl``; ``launch.cl`` does nothing). A stage must
 move some bytes and needs some operations, so the machine cannot finish it before
 
-    max(bytes / bandwidth, operations / multiply-adds a second)
+    max(bytes / bandwidth, operations / multiply-adds per second)
 
 and the share of that time in the stage's own is how near it comes to the roof of Williams, Waterman, Patterson,
 Roofline: An Insightful Visual Performance Model (2009). Bandwidth is that of a copy of as many bytes as the stage
@@ -16,20 +16,20 @@ its runs. See :mod:`lightdome.evaluation.roofline_stages` for what is counted, a
 from __future__ import annotations
 
 import contextlib
-import csv
 import ctypes
 import statistics
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, astuple, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..files import replacing
+from ..files import write_json, write_table
 from ..opencl import memory
 from ..opencl.memory import DeviceArray
+from .metrics import exponent, half_quartile_distance
 from .roofline_stages import MADE, PAIR, Stage
 
 if TYPE_CHECKING:
@@ -53,8 +53,8 @@ AXES = ("map", "resolution", "N")
 class Limits:
     """What the device can do at most.
 
-    - ``copies``: bytes a second, read and written, by the bytes that a copy touches
-    - ``multiply_adds``: float32 multiply-adds a second
+    - ``copies``: bytes per second, read and written, by the bytes that a copy touches
+    - ``multiply_adds``: float32 multiply-adds per second
     - ``launch_seconds``: wall time of a kernel that does nothing, from the call until it is known to be done
     """
 
@@ -63,7 +63,7 @@ class Limits:
     launch_seconds: float
 
     def bandwidth(self, size: float) -> float:
-        """Bytes a second of a copy that touches ``size`` bytes, between those measured."""
+        """Bytes per second of a copy that touches ``size`` bytes, between those measured."""
         return float(np.interp(np.log(max(size, 1.0)), np.log(list(self.copies)), list(self.copies.values())))
 
     def best(self, other: Limits) -> Limits:
@@ -82,7 +82,7 @@ class Timing:
     Kernels that write memory which is new each time, as large results are, also wait for the system to clear its pages.
     ``peak_bytes`` is the host's memory that a run takes beyond what was there before; None where the system does
     not tell. On a device that shares the host's memory, that is all of it. ``bandwidth`` is that of copies between the
-    repeats, bytes a second, for stages that have any.
+    repeats, bytes per second, for stages that have any.
     """
 
     stage: Stage
@@ -94,7 +94,7 @@ class Timing:
 
 
 @dataclass(frozen=True)
-class Measurement:
+class StageMeasurement:
     """One stage at one size, beside the limits."""
 
     stage: str
@@ -145,7 +145,7 @@ def _copies(device: Device, size: int) -> tuple[Callable[[], float], DeviceArray
     arrays = {"from": source, "to": target}
 
     def run() -> float:
-        return _seconds(device, "limits/copy", (size // (16 * block),), {"BLOCK": block}, **arrays)
+        return _seconds(device, "limits/copy", (size // (16 * block),), {"VECTORS": block}, **arrays)
 
     return run, target
 
@@ -188,7 +188,7 @@ def _seconds(device: Device, name: str, size: tuple[int, ...], defines: dict[str
     return device.profile.seconds()["limit"]
 
 
-def measure(device: Device, stage: Stage, repeats: int) -> Timing:
+def time_stage(device: Device, stage: Stage, repeats: int) -> Timing:
     """Run ``stage`` once to warm up, then ``repeats`` times, less often where that takes too long."""
     stage.run()
     half = max(1, round(stage.work.bytes / 2 / COPY_UNIT)) * COPY_UNIT
@@ -211,7 +211,7 @@ def measure(device: Device, stage: Stage, repeats: int) -> Timing:
     return Timing(
         stage,
         statistics.median(seconds),
-        float(np.subtract(*np.percentile(seconds, [75, 25])) / 2),
+        half_quartile_distance(seconds),
         len(seconds),
         peak,
         statistics.median(bandwidths) if bandwidths else None,
@@ -236,12 +236,12 @@ def _memory(name: str) -> int:
     return 0
 
 
-def rated(timing: Timing, limits: Limits) -> Measurement:
+def rated(timing: Timing, limits: Limits) -> StageMeasurement:
     """``timing`` beside ``limits``."""
     stage, work, seconds = timing.stage, timing.stage.work, timing.seconds
     bandwidth = work.bytes / (timing.bandwidth or limits.bandwidth(work.bytes)) / seconds
     arithmetic = work.operations / limits.multiply_adds / seconds
-    return Measurement(
+    return StageMeasurement(
         stage=stage.name,
         map=stage.map,
         width=stage.map_shape and stage.map_shape[1],
@@ -265,37 +265,30 @@ def rated(timing: Timing, limits: Limits) -> Measurement:
     )
 
 
-def lines(points: Sequence[Measurement], axis: str) -> dict[str, list[Measurement]]:
+def lines(points: Sequence[StageMeasurement], axis: str) -> dict[str, list[StageMeasurement]]:
     """Each stage's measurements along ``axis``, ``map``, ``resolution`` or ``N``, where all else is the same.
 
     Along ``map`` these are those of maps that were made for it. Of several lines of a stage, the longest is taken.
     """
-    found: dict[tuple[object, ...], list[Measurement]] = {}
+    found: dict[tuple[object, ...], list[StageMeasurement]] = {}
     for p in points:
         if extent(p, axis) and (axis != "map" or p.map == MADE):
             rest = [(p.map, p.map_pixels), p.resolution, p.N]
             rest[AXES.index(axis)] = None
             found.setdefault((p.stage, *rest), []).append(p)
-    result: dict[str, list[Measurement]] = {}
+    result: dict[str, list[StageMeasurement]] = {}
     for key, line in found.items():
         if len(line) > max(1, len(result.get(key[0], ()))):
             result[key[0]] = sorted(line, key=lambda p: extent(p, axis))
     return result
 
 
-def extent(point: Measurement, axis: str) -> int | None:
+def extent(point: StageMeasurement, axis: str) -> int | None:
     """How large a measurement's problem is along ``axis``: pixels of the map, pixels of the image, or N."""
     return {"map": point.map_pixels, "resolution": point.resolution and point.resolution**2, "N": point.N}[axis]
 
 
-def exponent(sizes: Sequence[float], values: Sequence[float]) -> float | None:
-    """The b of the fit values ~ sizes^b, None for fewer than two sizes or values of zero."""
-    if len(set(sizes)) < 2 or min(values) <= 0:
-        return None
-    return float(np.polyfit(np.log(sizes), np.log(values), 1)[0])
-
-
-def exponents(points: Sequence[Measurement]) -> dict[str, dict[str, float | None]]:
+def exponents(points: Sequence[StageMeasurement]) -> dict[str, dict[str, float | None]]:
     """The exponents of time by axis and stage."""
     return {
         axis: {
@@ -306,9 +299,11 @@ def exponents(points: Sequence[Measurement]) -> dict[str, dict[str, float | None
     }
 
 
-def write_csv(path: Path, points: Sequence[Measurement]) -> None:
-    """One row a measurement, a column a figure; seconds, bytes, and amounts a second."""
-    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [f.name for f in fields(Measurement)])
-        writer.writeheader()
-        writer.writerows(asdict(p) for p in points)
+def write_stage_csv(path: Path, points: Sequence[StageMeasurement]) -> None:
+    """A row for each measurement, a column for each figure; seconds, bytes, and amounts per second."""
+    write_table(path, [f.name for f in fields(StageMeasurement)], map(astuple, points))
+
+
+def write_stage_json(path: Path, points: Sequence[StageMeasurement], settings: Mapping[str, object]) -> None:
+    """The settings and all measurements."""
+    write_json(path, {**settings, "measurements": [asdict(p) for p in points]}, allow_nan=True)

@@ -9,22 +9,19 @@ import numpy as np
 from .. import plotting  # first: it imports matplotlib
 
 # isort: split
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
-from matplotlib.transforms import Bbox
 
-from .benchmark_plot import COLOURS, MARKERS
-from .roofline import AXES, Limits, Measurement, exponent, extent, lines
+from ..plotting import COLOURS, MARKERS
+from .metrics import exponent
+from .roofline import AXES, Limits, StageMeasurement, extent, lines
 
 SHAPES = [*MARKERS, "d", (4, 1, 0)]
-LABEL_OFFSETS = [(sign * 8, dy, side) for dy in (0, 8, -8, 16, -16) for sign, side in ((1, "left"), (-1, "right"))]
 AXIS_LABELS = {"map": "pixels of the map", "resolution": "pixels of the image", "N": "N, samples or lights"}
 
 
-def _styles(points: Sequence[Measurement]) -> dict[str, dict[str, object]]:
+def _styles(points: Sequence[StageMeasurement]) -> dict[str, dict[str, object]]:
     """A colour and a marker for each stage, the same in all pictures; markers tell stages apart in grey."""
     names = list(dict.fromkeys(p.stage for p in points))
     return {
@@ -33,10 +30,11 @@ def _styles(points: Sequence[Measurement]) -> dict[str, dict[str, object]]:
 
 
 @plotting.plain()
-def roofline(points: Sequence[Measurement], limits: Limits, title: str) -> Figure:
-    """Operations a second against operations a byte, log-log: a mark for a stage's longest run, small ones for others.
+def roofline(points: Sequence[StageMeasurement], limits: Limits, title: str) -> Figure:
+    """Operations per second over operations per byte, log-log: a mark for a stage's longest run, small ones for others.
 
-    A hollow mark is a stage that was counted as brute force, so it may lie above the roof.
+    Numbers beside the marks are those of the legend: names would cover other marks. A hollow mark is a stage that was
+    counted as brute force, so it may lie above the roof.
     """
     styles = _styles(points)
     figure = Figure(figsize=(12, 7), layout="constrained")
@@ -45,8 +43,8 @@ def roofline(points: Sequence[Measurement], limits: Limits, title: str) -> Figur
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.grid(True, alpha=0.25)
-    axes.set_xlabel("operations on float32 a byte")
-    axes.set_ylabel("operations a second")
+    axes.set_xlabel("operations on float32 per byte")
+    axes.set_ylabel("operations per second")
 
     intensity = [p.operations / p.bytes for p in points]
     x = np.geomspace(min(intensity) / 2, max(intensity) * 8, 200)
@@ -55,9 +53,7 @@ def roofline(points: Sequence[Measurement], limits: Limits, title: str) -> Figur
         axes.plot(x, np.minimum(limits.copies[size] * x, limits.multiply_adds), dash, color="black", label=said)
     axes.plot([], [], " ", label=f"multiply-adds: {1e-9 * limits.multiply_adds:.3g} G/s")
 
-    labels = []
-    for name in dict.fromkeys(p.stage for p in points):
-        style = styles[name]
+    for number, (name, style) in enumerate(styles.items(), 1):
         of_stage = sorted((p for p in points if p.stage == name), key=lambda p: p.seconds)
         places = [(p.operations / p.bytes, p.operations / p.seconds) for p in of_stage]
         axes.plot(*zip(*places, strict=True), **style, linestyle="none", markersize=3, alpha=0.5)
@@ -71,33 +67,16 @@ def roofline(points: Sequence[Measurement], limits: Limits, title: str) -> Figur
             markersize=9,
             markerfacecolor="white" if skips else style["color"],
             markeredgecolor=style["color"] if skips else "black",
-            label=f"{name}, {_size(longest)}: {share}",
+            label=f"{number}  {name}, {_size(longest)}: {share}",
         )
-        labels.append((places[-1], name))
+        axes.annotate(str(number), places[-1], (6, 4), textcoords="offset points", fontsize=8)
     axes.legend(
         fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1), title="longest run: share of the limit that binds it"
     )
-    _annotate(figure, axes, labels)
     return figure
 
 
-def _annotate(figure: Figure, axes: Axes, labels: Sequence[tuple[tuple[float, float], str]]) -> None:
-    """Write each label beside its place, where it covers no other label and no other place."""
-    renderer = FigureCanvasAgg(figure).get_renderer()
-    figure.draw_without_rendering()
-    spots = [axes.transData.transform(place) for place, _ in labels]
-    taken = [Bbox.from_bounds(x - 9, y - 9, 18, 18) for x, y in spots]
-    for place, name in labels:
-        for dx, dy, side in LABEL_OFFSETS:
-            text = axes.annotate(name, place, (dx, dy), textcoords="offset points", ha=side, va="center", fontsize=8)
-            box = text.get_window_extent(renderer)
-            if not any(box.overlaps(other) for other in taken):
-                break
-            text.remove()
-        taken.append(box)
-
-
-def _size(point: Measurement) -> str:
+def _size(point: StageMeasurement) -> str:
     parts = []
     if point.width:
         parts.append(f"{point.width} x {point.height}")
@@ -109,7 +88,7 @@ def _size(point: Measurement) -> str:
 
 
 @plotting.plain()
-def scaling(points: Sequence[Measurement], title: str) -> Figure:
+def scaling(points: Sequence[StageMeasurement], title: str) -> Figure:
     """Time and peak memory against the size of the map, of the image, and N; fitted exponents in the legends."""
     styles = _styles(points)
     figure = Figure(figsize=(13, 10), layout="constrained")
@@ -141,7 +120,7 @@ def scaling(points: Sequence[Measurement], title: str) -> Figure:
     return figure
 
 
-def _tick(point: Measurement, axis: str) -> str:
+def _tick(point: StageMeasurement, axis: str) -> str:
     return {
         "map": f"{point.width} x {point.height}",
         "resolution": f"{point.resolution} x {point.resolution}",

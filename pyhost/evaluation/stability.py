@@ -8,8 +8,6 @@ float64. :mod:`lightdome.evaluation.stability_cases` has the cases,
 
 from __future__ import annotations
 
-import csv
-import json
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -23,7 +21,7 @@ from .. import reference
 from ..checks import made
 from ..disc import disc_mask
 from ..errors import LightdomeError
-from ..files import replacing
+from ..files import write_json, write_table
 from ..float_range import LARGEST
 from ..lighting.exact import exact
 from ..lighting.shade import shade_samples
@@ -33,7 +31,7 @@ from ..opencl import memory
 from ..opencl.device import Device
 from ..sampling.cdf import MapCDF
 from ..sampling.distribution import Distribution, build_distribution
-from ..sampling.draw import PIXELS, drawn, given_points
+from ..sampling.draw import drawn, given_points
 from ..sampling.samples import Samples
 
 NORMAL = 2.0**-126  # float32's smallest normal number: below it digits go
@@ -161,7 +159,7 @@ class Lightdome:
         y, x = np.mgrid[rows, 0 : envmap.width]
         points = np.stack([(x + 0.5) / envmap.width, (y + 0.5) / envmap.height], axis=-1)
         given = given_points(self.distribution.device, points.reshape(-1, 2))
-        return drawn(self.distribution.map, self._even, given, PIXELS)["probability"].reshape(y.shape)
+        return drawn(self.distribution.map, self._even, given)["probability"].reshape(y.shape)
 
     def draw(self, count: int, seed: int) -> Samples:
         return self.distribution.sample(count, seed)
@@ -209,7 +207,7 @@ class Truth:
         return reference.shade(normals, directions(theta, phi), self.radiance[y, x].astype(np.float64), density)
 
 
-def measure(sampler: Sampler, truth: Truth, draws: int) -> Figures:
+def measure_sampler(sampler: Sampler, truth: Truth, draws: int) -> Figures:
     """The figures of ``sampler`` that any sampler has: ``p``, ``tiny``, ``sum``, ``zero``, ``chi2``, ``flux``,
     ``image`` of a few of its samples, ``nonfinite``."""
     height, width = truth.height, truth.width
@@ -259,7 +257,7 @@ def measure_map(device: Device, radiance: np.ndarray, draws: int) -> Figures:
     truth = Truth(radiance)
     envmap = EnvironmentMap(radiance)
     distribution = build_distribution(device, envmap)
-    figures = measure(Lightdome(distribution), truth, draws)
+    figures = measure_sampler(Lightdome(distribution), truth, draws)
     _add(figures, cdf_figures(distribution, truth))
     if truth.height * truth.width <= 2**23:
         image = exact(device, distribution.map, truth.resolution)
@@ -368,25 +366,23 @@ def run_peer(case: Case, name: str, sampler: Callable[[np.ndarray], Sampler], dr
     parts = case.maps() if case.maps else []
     try:
         for radiance in parts:
-            _worst(figures, measure(sampler(radiance), Truth(radiance), -(-draws // len(parts))))
+            _worst(figures, measure_sampler(sampler(radiance), Truth(radiance), -(-draws // len(parts))))
     except LightdomeError as error:
         return Result(name, case.group, case.name, skipped=str(error), judged=False)
     figures.pop("wrong", None)  # the pixels outside the disc are not the peer's doing
     return Result(name, case.group, case.name, figures, judged=False)
 
 
-def write_csv(path: Path, results: Sequence[Result]) -> None:
-    """One row a program and case; blank where a figure does not apply."""
+def write_stability_csv(path: Path, results: Sequence[Result]) -> None:
+    """A row for each program and case; blank where a figure does not apply."""
     names = [*COLUMNS, *LIMITS]
-    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["program", "group", "case", "verdict", *names, "remark"])
-        for r in results:
-            figures = (r.figures.get(name, "") for name in names)
-            writer.writerow([r.program, r.group, r.case, r.verdict, *figures, r.remark])
+    rows = (
+        [r.program, r.group, r.case, r.verdict, *(r.figures.get(name) for name in names), r.remark] for r in results
+    )
+    write_table(path, ["program", "group", "case", "verdict", *names, "remark"], rows)
 
 
-def write_json(path: Path, results: Sequence[Result], settings: Mapping[str, object]) -> None:
+def write_stability_json(path: Path, results: Sequence[Result], settings: Mapping[str, object]) -> None:
     """The settings, the columns with their goals, and all results; a number that is none is a text."""
     columns = {name: asdict(column) for name, column in COLUMNS.items()}
     cases = [
@@ -400,29 +396,7 @@ def write_json(path: Path, results: Sequence[Result], settings: Mapping[str, obj
         }
         for r in results
     ]
-    with replacing(path) as temporary:
-        text = json.dumps({**settings, "columns": columns, "limits": LIMITS, "cases": cases}, indent=2, allow_nan=False)
-        temporary.write_text(text + "\n", encoding="utf-8")
-
-
-def write_markdown(path: Path, results: Sequence[Result]) -> None:
-    """A table for people: a row a case, the figures that tell most, and beside them the peers'."""
-    shown = ("p", "sum", "drawn", "chi2", "flux", "image")
-    own = [r for r in results if r.judged]
-    peers = list(dict.fromkeys(r.program for r in results if not r.judged))
-    by_key = {(r.program, r.group, r.case): r for r in results}
-    lines = [
-        "| case | verdict | " + " | ".join(shown) + "".join(f" | {peer} p | {peer} image" for peer in peers) + " |",
-        "| --- " * (2 + len(shown) + 2 * len(peers)) + "|",
-    ]
-    for r in own:
-        cells = [f"{r.group}: {r.case}", r.verdict, *(text(r.figures.get(name)) for name in shown)]
-        for peer in peers:
-            figures = by_key[peer, r.group, r.case].figures if (peer, r.group, r.case) in by_key else {}
-            cells += [text(figures.get(name)) for name in ("p", "image")]
-        lines.append("| " + " | ".join(cells) + " |")
-    with replacing(path) as temporary:
-        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_json(path, {**settings, "columns": columns, "limits": LIMITS, "cases": cases})
 
 
 def text(value: float | None) -> str:

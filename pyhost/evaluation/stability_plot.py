@@ -1,4 +1,4 @@
-"""The stability table as a picture: a row a case, a column a figure, light where the goal holds and dark where not."""
+"""The stability table as a picture: rows are cases, columns figures, light where the goal holds and dark where not."""
 
 from __future__ import annotations
 

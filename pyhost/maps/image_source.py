@@ -12,6 +12,9 @@ from ..errors import LightdomeError
 from ..float_range import LARGEST
 
 MAX_PIXELS = 2**30
+# The most values that a byte of any file stands for: in EXR, methods that transform blocks keep one of 64, and 2-byte
+# values then deflate by up to 1032.
+DENSITY = 64 * 516
 
 
 @dataclass(frozen=True)
@@ -34,16 +37,16 @@ class ImageSource:
     notes: tuple[str, ...] = ()
 
 
-def check_size(path: Path, rows: int, columns: int, channels: int, density: float) -> None:
+def check_size(path: Path, rows: int, columns: int, channels: int) -> None:
     """Raise :class:`LightdomeError` for a size that cannot be used.
 
-    ``density`` is the most values that a byte of the file can stand for. A header that claims more is a lie, and
-    believing it would cost the memory that it claims.
+    A header that claims more than a file of its bytes can hold is a lie, and believing it would cost the memory that it
+    claims.
     """
     if min(rows, columns, channels) < 1 or rows * columns > MAX_PIXELS:
         raise LightdomeError(f"{path}: cannot use an image of {columns} x {rows} pixels, {channels} channels")
     file_bytes = path.stat().st_size
-    if rows * columns * channels > density * file_bytes:
+    if rows * columns * channels > DENSITY * file_bytes:
         raise LightdomeError(f"{path} is damaged: it claims {columns} x {rows} pixels but has only {file_bytes} bytes")
 
 

@@ -52,7 +52,7 @@ def open_pfm(path: Path) -> Iterator[ImageSource]:
                 f"{path}: bad scale {_shown(scale_word)} in the PFM header; it must be a finite number other than 0,"
                 " negative for little endian"
             )
-        check_size(path, rows, columns, channels, 1 / 4)
+        check_size(path, rows, columns, channels)
         number = np.dtype("<f4" if scale < 0 else ">f4")
         row_bytes = columns * channels * number.itemsize
         first_byte = path.stat().st_size - rows * row_bytes

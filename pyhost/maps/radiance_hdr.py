@@ -30,8 +30,6 @@ from .image_source import ImageSource, check_size, damaged
 from .oiio_files import open_input
 
 HEADER_BYTES = 2**20
-# Values that a byte stands for at most: 127 in 2 bytes, and as many in the runs of old as a map of one colour has.
-DENSITY, DENSITY_OF_OLD_RUNS = 64, 4096
 READ_BYTES = 2**22
 BLOCK_PIXELS = 2**18
 PACKED_WIDTHS = range(8, 2**15)
@@ -62,7 +60,7 @@ def open_hdr(path: Path) -> Iterator[ImageSource]:
         header = read_header(path, file.read(HEADER_BYTES))
         file.seek(header.size)
         packed = _is_packed(file.read(4), 0, header.columns)
-        check_size(path, header.rows, header.columns, 3, DENSITY if packed else DENSITY_OF_OLD_RUNS)
+        check_size(path, header.rows, header.columns, 3)
         lines = _ScanLines(path, file, header)
         quick = _QuickLines(path, header) if packed else None
         try:

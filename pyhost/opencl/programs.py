@@ -121,6 +121,10 @@ class Programs:
         """What the kernel ``name`` is compiled from: ``clkernels/name.cl`` with all its headers."""
         return source(f"{name}.cl")
 
+    def parameters(self, name: str) -> set[str]:
+        """The names of the arguments of the kernel ``name``."""
+        return {parameter.name for parameter in signature(name, self.text(name)).parameters}
+
     def check_process(self) -> None:
         """Raise :class:`LightdomeError` in a process that was forked from the one that opened the device."""
         check_process(self._process)
@@ -147,5 +151,5 @@ class Programs:
                         " choose another device with --device"
                     ) from error
             kernel = getattr(program, name.rpartition("/")[2])
-            self._kernels[key] = Kernel(kernel, signature(name, text, of_all))
+            self._kernels[key] = Kernel(kernel, signature(name, text))
         return self._kernels[key]

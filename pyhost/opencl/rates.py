@@ -118,7 +118,7 @@ def measure(context: cl.Context) -> Rates:
     source, target = (room(COPY_BYTES // 2) for _ in range(2))
     for array in (source, target):  # touches all pages
         cl.enqueue_fill_buffer(queue, array.buffer, np.float32(1), 0, COPY_BYTES // 2)
-    copy, count = programs.kernel("limits/copy", BLOCK=block), COPY_BYTES // 2 // (16 * block)
+    copy, count = programs.kernel("limits/copy", VECTORS=block), COPY_BYTES // 2 // (16 * block)
     launch = programs.kernel("limits/launch")
     (copy_seconds,) = _on_device(lambda: copy(queue, (count,), local, **{"from": source, "to": target}))
     return Rates(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import operator
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import SupportsFloat, SupportsIndex
 
@@ -90,40 +90,20 @@ class Signature:
         return bound
 
 
-def signature(name: str, text: str, defines: Iterable[str]) -> Signature:
-    """The signature of the kernel ``name``, as ``sampling/row_cdf``, in the ``text`` that is built with ``defines``.
+def signature(name: str, text: str) -> Signature:
+    """The signature of the kernel ``name``, as ``sampling/row_cdf``, in the ``text`` that is built.
 
     Raises ``ValueError`` where the text has no such kernel, or one that is not understood.
     """
     found = re.search(rf"\bkernel\s+void\s+{name.rpartition('/')[2]}\s*\(([^)]*)\)", text)
     if not found:
         raise ValueError(f"clkernels/{name}.cl has no kernel of its name")
-    declarations = re.sub(r"//[^\n]*", "", _preprocessed(found[1], set(defines))).split(",")
+    if "#" in found[1]:
+        raise ValueError(f"the preprocessor decides on arguments of {name}, which is not understood")
+    declarations = re.sub(r"//[^\n]*", "", found[1]).split(",")
     if len(declarations) == 1 and declarations[0].strip() in ("", "void"):
         return Signature(name, ())
     return Signature(name, tuple(map(_parameter, declarations)))
-
-
-def _preprocessed(text: str, defines: set[str]) -> str:
-    """The lines of ``text`` that remain of its ``#ifdef``, ``#ifndef``, ``#else`` and ``#endif``."""
-    is_defined: dict[str, Callable[[str], bool]] = {
-        "#ifdef": defines.__contains__,
-        "#ifndef": lambda define: define not in defines,
-    }
-    lines, taken = [], []
-    for line in text.splitlines():
-        directive, *rest = line.split() if line.startswith("#") else [""]
-        if directive in is_defined:
-            taken.append(is_defined[directive](rest[0]))
-        elif directive == "#else":
-            taken[-1] = not taken[-1]
-        elif directive == "#endif":
-            taken.pop()
-        elif directive:
-            raise ValueError(f"{directive} in a kernel's parameters is not understood")
-        elif all(taken):
-            lines.append(line)
-    return "\n".join(lines)
 
 
 def _parameter(declaration: str) -> Parameter:

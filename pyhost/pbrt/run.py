@@ -199,7 +199,9 @@ def render(pbrt: Pbrt, scenes: Iterable[Scene], timeout: float | None = None) ->
     return ((scene.spp, render_scene(pbrt, scene, timeout)) for scene in own)
 
 
-def render_scene(pbrt: Pbrt, scene: Scene, timeout: float | None = None, quiet: bool = False) -> np.ndarray:
+def render_scene(
+    pbrt: Pbrt, scene: Scene, timeout: float | None = None, quiet: bool = False, _still: float = STILL
+) -> np.ndarray:
     """Run ``pbrt`` on one scene: the image is (R, R, 3) float32, radiance, 0 outside the disc.
 
     ``timeout`` is in seconds; by default a program is given up when it stands still. ``quiet`` avoids the wait of up to
@@ -216,7 +218,7 @@ def render_scene(pbrt: Pbrt, scene: Scene, timeout: float | None = None, quiet: 
         target = Path(folder) / f"image{pbrt.image_suffix}"
         options = ["--quiet"] if quiet else []
         command = [str(pbrt.path), *options, "--outfile", str(target), str(scene.path.absolute())]
-        watch = _Watch(scene.spp * size**2)
+        watch = _Watch(scene.spp * size**2, _still)
         try:
             with Progress(f"{pbrt.name}, {scene.spp} spp") as progress:
                 code, text = _run(command, timeout, watch, progress, terminal=pbrt.port is not None)
@@ -251,10 +253,11 @@ def render_scene(pbrt: Pbrt, scene: Scene, timeout: float | None = None, quiet: 
 
 
 class _Watch:
-    """Tells whether a render of ``samples`` stands still, from how far its bar is."""
+    """Tells whether a render of ``samples`` stands still, from how far its bar is; ``patience`` is as STILL."""
 
-    def __init__(self, samples: int) -> None:
-        self._allowed = STILL + SECONDS_A_SAMPLE * samples
+    def __init__(self, samples: int, patience: float) -> None:
+        self._patience = patience
+        self._allowed = patience + SECONDS_A_SAMPLE * samples
         self._fraction: float | None = None
         self._moved = time.monotonic()
         self._longest_step = 0.0
@@ -264,7 +267,7 @@ class _Watch:
         now = time.monotonic()
         if fraction is not None and fraction != self._fraction:
             self._longest_step = max(self._longest_step, now - self._moved)
-            self._allowed = STILL + 10 * self._longest_step
+            self._allowed = self._patience + 10 * self._longest_step
             self._fraction, self._moved = fraction, now
         return now - self._moved > self._allowed
 

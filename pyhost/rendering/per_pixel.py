@@ -14,8 +14,9 @@ The error of N independent points falls as 1 / sqrt(N), that of Sobol points fas
 ``exact(..., pixels="areas")``. The two differ most beside the shadow's edge of a single bright pixel, in both
 directions, by a part of the image's maximum that falls as 1 / H.
 
-Kernels: ``render.cl``, ``render_product.cl``. Source: Veach, thesis (1997), chapter 9; Pharr, Jakob,
-Humphreys, Physically Based Rendering, 4th ed., 2.2 and 13.2; Karlik et al., MIS Compensation (2019).
+Kernels: ``render_light.cl``, ``render_bsdf.cl``, ``render_mis.cl``, ``render_product.cl``. Source: Veach, thesis
+(1997), chapter 9; Pharr, Jakob, Humphreys, Physically Based Rendering, 4th ed., 2.2 and 13.2; Karlik et al., MIS
+Compensation (2019).
 """
 
 from __future__ import annotations
@@ -46,6 +47,15 @@ if TYPE_CHECKING:
 SAMPLES_A_LAUNCH = 2**25  # pixels x spp between two updates of the progress line
 PIXELS_A_BLOCK = 128  # that a work-item of a CPU renders side by side
 SAMPLES_A_SUM = 128  # spp that a launch sums in single precision; the sum over launches is in double words
+OF_MAP = (
+    "radiance",
+    "theta",
+    "phi",
+    "edge",
+    "width",
+    "height",
+    "scale",
+)  # arguments that a DeviceMap has by these names
 # What an estimator takes the map's pixels for, and so which exact image it converges to.
 PIXELS_OF: dict[str, Literal["centres", "areas"]] = {
     "light": "centres",
@@ -126,8 +136,7 @@ def _images(
         launch = _product_launch(distribution, cdfs, disc, defines)
         flux = 3 * distribution.flux
     else:
-        defines[f"ESTIMATOR_{estimator.upper()}"] = 1
-        launch, flux = _launch(distribution, mis_compensation, disc, defines)
+        launch, flux = _launch(distribution, estimator, mis_compensation, disc, defines)
     step = min(device.items_a_launch(SAMPLES_A_LAUNCH, len(disc)), SAMPLES_A_SUM)
     done = 0
     with Progress("rendering") as progress:
@@ -150,9 +159,12 @@ def _black(spp: Sequence[int], resolution: int) -> Iterator[tuple[int, np.ndarra
 
 
 def _launch(
-    distribution: Distribution, mis_compensation: bool, disc: np.ndarray, defines: dict[str, int]
+    distribution: Distribution, estimator: str, mis_compensation: bool, disc: np.ndarray, defines: dict[str, int]
 ) -> tuple[Callable[..., None], float]:
-    """The kernel ``render``, given all but its last arguments, and the flux of R + G + B that it samples."""
+    """The kernel of ``estimator``, given all but its last arguments, and the flux of R + G + B that it samples.
+
+    It is given what its signature asks for: what it reads of the map, the CDFs and their guide tables, and factors.
+    """
     device, of_map, cdf = distribution.device, distribution.map, distribution.cdf
     offset = 0.0
     if mis_compensation:
@@ -162,31 +174,17 @@ def _launch(
             cdf = compensated
             offset = mean
     flux = 3 * distribution.flux * (cdf.total / distribution.total)
-    of_light: dict[str, Argument] = {}
-    if "ESTIMATOR_BSDF" in defines:
-        device.decisions.skip("guide tables", "directions of the cosine need no search")
-    else:
+    name = f"rendering/render_{estimator}"
+    wanted = device.programs.parameters(name)
+    arguments: dict[str, Argument] = {argument: getattr(of_map, argument) for argument in OF_MAP if argument in wanted}
+    if "row_cdf" in wanted:
         device.decisions.use("guide tables", "every sample of every pixel searches the map")
-        edge = np.cos(np.pi / of_map.height * np.arange(of_map.height + 1)).astype(np.float32)
-        of_light = {
-            "row_cdf": cdf.rows,
-            "marginal_cdf": cdf.marginal,
-            **cdf.guide.arguments,
-            "theta": of_map.theta,
-            "phi": of_map.phi,
-            "edge": memory.upload(device, edge),
-        }
-    launch = partial(
-        _in_blocks(device, "rendering/render", disc, defines),
-        radiance=of_map.radiance,
-        **of_light,
-        width=of_map.width,
-        height=of_map.height,
-        scale=of_map.scale,
-        offset=offset,
-        k_light=np.pi / (flux * of_map.scale),
-    )
-    return launch, flux
+        arguments |= {"row_cdf": cdf.rows, "marginal_cdf": cdf.marginal, **cdf.guide.arguments}
+    else:
+        device.decisions.skip("guide tables", "directions of the cosine need no search")
+    factors = {"offset": offset, "k": np.pi / (flux * of_map.scale)}
+    arguments |= {factor: value for factor, value in factors.items() if factor in wanted}
+    return _in_blocks(device, name, disc, defines, **arguments), flux
 
 
 def _product_launch(
@@ -194,8 +192,11 @@ def _product_launch(
 ) -> Callable[..., None]:
     """The kernel ``render_product``, given all but its last arguments."""
     of_map = distribution.map
-    return partial(
-        _in_blocks(distribution.device, "rendering/render_product", disc, defines),
+    return _in_blocks(
+        distribution.device,
+        "rendering/render_product",
+        disc,
+        defines,
         tile_column_cdf=cdfs.tile_column_cdf,
         tile_row_cdf=cdfs.tile_row_cdf,
         tiles=cdfs.tiles,
@@ -217,8 +218,10 @@ def _product_launch(
     )
 
 
-def _in_blocks(device: Device, name: str, disc: np.ndarray, defines: dict[str, int]) -> Callable[..., None]:
-    """The kernel ``name``, a work-item a block of the disc's pixels, given these alone."""
+def _in_blocks(
+    device: Device, name: str, disc: np.ndarray, defines: dict[str, int], **arguments: Argument
+) -> Callable[..., None]:
+    """The kernel ``name``, a work-item for each block of the disc's pixels, given these arguments."""
     block = 1 if device.is_gpu else PIXELS_A_BLOCK
     return partial(
         device.launch,
@@ -228,4 +231,5 @@ def _in_blocks(device: Device, name: str, disc: np.ndarray, defines: dict[str, i
         defines={"BLOCK": block, **defines},
         disc=memory.upload(device, disc),
         pixel_count=len(disc),
+        **arguments,
     )

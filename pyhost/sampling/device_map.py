@@ -79,6 +79,11 @@ class DeviceMap:
         return memory.upload(self.device, sine_cosine(column_angles(self.width)))
 
     @cached_property
+    def edge(self) -> DeviceArray:
+        """cos of the polar angles of the borders of a whole map's rows, (H + 1,) float32."""
+        return memory.upload(self.device, np.cos(np.pi / self.height * np.arange(self.height + 1)).astype(np.float32))
+
+    @cached_property
     def sin_theta(self) -> DeviceArray:
         """(H,) float32."""
         return memory.upload(self.device, np.sin(self.row_angles).astype(np.float32))

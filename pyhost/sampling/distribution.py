@@ -2,8 +2,8 @@
 
 Luminance is I = (R + G + B) / 3; a pixel is drawn with probability p(x, y) = p(y) p(x | y)
 proportional to I sin(theta), the light that comes from it. Kernels: ``row_cdf.cl``,
-``marginal_cdf.cl``, ``sample.cl``. Source: Pharr, Jakob, Humphreys, Physically Based Rendering,
-4th ed., A.4, A.5 and 12.5.
+``marginal_cdf.cl``, ``sample.cl`` and its variants. Source: Pharr, Jakob, Humphreys, Physically
+Based Rendering, 4th ed., A.4, A.5 and 12.5.
 """
 
 from __future__ import annotations

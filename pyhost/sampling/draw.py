@@ -1,4 +1,7 @@
-"""Draw samples from a map by a CDF of it, at the points of a sequence or at given ones. Kernel: ``sample.cl``."""
+"""Draw samples from a map by a CDF of it, at the points of a sequence or at given ones.
+
+Kernels: ``sample.cl``, ``sample_at.cl``, ``sample_pixels.cl``, and each with guide tables.
+"""
 
 from __future__ import annotations
 
@@ -34,12 +37,13 @@ PIXELS = ("pixel", "probability")  # those that the kernel writes alone
 
 @dataclass(frozen=True)
 class Points:
-    """``count`` points in the unit square that samples are made from: what kernels are built with, and their argument.
+    """``count`` points in the unit square that samples are made from; :func:`sequence_points` and :func:`given_points`.
 
-    :func:`sequence_points` and :func:`given_points` make them.
+    ``kernel`` draws from them, built with ``defines``; ``arguments`` are those that the points need.
     """
 
     count: int
+    kernel: str
     defines: Mapping[str, int]
     arguments: Mapping[str, Argument]
 
@@ -49,13 +53,13 @@ def sequence_points(count: int, seed: int, sequence: str) -> Points:
     key = philox_key(seed)
     checks.choice("sequence", sequence, SEQUENCES)
     count = checks.whole("the number of samples", count, 1, MAX_COUNT)
-    return Points(count, {f"SEQUENCE_{sequence.upper()}": 1}, {"seed": key})
+    return Points(count, "sample", {f"SEQUENCE_{sequence.upper()}": 1}, {"seed": key})
 
 
 def given_points(device: Device, points: np.ndarray) -> Points:
     """``points`` (N, 2) in [0, 1), to 32 bits."""
     bits = np.floor(points * 2.0**32).astype(np.uint32)
-    return Points(len(bits), {"SEQUENCE_GIVEN": 1}, {"points": memory.upload(device, bits)})
+    return Points(len(bits), "sample_at", {}, {"points": memory.upload(device, bits)})
 
 
 def philox_key(seed: int) -> np.ndarray:
@@ -76,41 +80,37 @@ def room_for(device: Device, count: int, outputs: Iterable[str] = OUTPUTS) -> di
 
 
 def draw(of_map: DeviceMap, cdf: MapCDF, points: Points, outputs: Mapping[str, DeviceArray]) -> None:
-    """Draw a sample at each of ``points`` and write what ``outputs`` asks for: all of OUTPUTS, or PIXELS."""
+    """Draw a sample at each of ``points`` and write ``outputs``: all of OUTPUTS, or for a sequence PIXELS."""
     device, count = of_map.device, points.count
-    defines, radiance = dict(points.defines), of_map.radiance
     results = {"sample_radiance" if name == "radiance" else name: array for name, array in outputs.items()}
+    kernel = points.kernel if "direction" in outputs else "sample_pixels"
+    angles = {"theta": of_map.theta, "phi": of_map.phi} if "direction" in outputs else {"theta": of_map.theta}
+    weights: dict[str, Argument] = {"radiance": of_map.radiance, "scale": of_map.scale}
     guided: Mapping[str, Argument] = {}
-    whole = "direction" in outputs
-    if not whole:
-        defines["PIXELS"] = 1
     if is_guided(count, of_map):
         many = f"{count} samples on {of_map.width} x {of_map.height} pixels are enough to pay for them"
         device.decisions.use("guide tables", many)
-        defines["GUIDED"] = 1
-        guided = cdf.guide.arguments
-        if not whole:
-            radiance = of_map.weight
+        if kernel == "sample_pixels":
+            weights = {"f": of_map.weight}
+        kernel, guided = f"{kernel}_guided", cdf.guide.arguments
     else:
         few = f"{count} samples are drawn faster than the tables for the map would be built"
         device.decisions.skip("guide tables", few)
     block = 1 if device.is_gpu else SAMPLES_A_BLOCK
     device.launch(
-        "sampling/sample",
+        f"sampling/{kernel}",
         (-(-count // block),),
         stage="search",
-        defines={"BLOCK": block, **defines},
+        defines={"BLOCK": block, **points.defines},
         step=device.items_a_launch(SAMPLES_A_LAUNCH, block),
         progress="sampling",
         row_cdf=cdf.rows,
         marginal_cdf=cdf.marginal,
-        radiance=radiance,
+        **weights,
         **guided,
-        theta=of_map.theta,
-        phi=of_map.phi,
+        **angles,
         width=of_map.width,
         height=of_map.height,
-        scale=of_map.scale,
         inverse_total=1 / cdf.total,
         count=count,
         **points.arguments,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 import zipfile
 from collections.abc import Iterator
@@ -50,8 +51,8 @@ class Samples:
         if pixel.dtype.kind == "f":
             raise LightdomeError(f"pixel must be an array of whole numbers, got {pixel.dtype}")
         counts = [len(pixel)]
-        for name in ("direction", "radiance", "probability"):
-            array = checks.array(name, getattr(self, name), _FORMAT[name][1], np.float32, own=True)
+        for name, form in ("direction", ("N", 3)), ("radiance", ("N", 3)), ("probability", ("N",)):
+            array = checks.array(name, getattr(self, name), form, np.float32, own=True)
             object.__setattr__(self, name, array)
             counts.append(len(array))
         if min(counts) < max(counts) or counts[0] == 0:
@@ -64,7 +65,7 @@ class Samples:
         for name in ("sequence", "version"):
             if not isinstance(getattr(self, name), str):
                 raise LightdomeError(f"{name} must be a string, got {checks.told(getattr(self, name))}")
-        _check("samples", self)
+        _check(self)
         object.__setattr__(self, "pixel", checks.array("pixel", pixel, ("N", 2), np.int32, own=True))
 
     def __len__(self) -> int:
@@ -104,23 +105,10 @@ class Samples:
         """
         path = checks.path(path)
         arrays = _arrays(path)
-        with np.errstate(over="ignore"):  # what a float32 cannot hold is refused as infinite or zero
-            direction, radiance, probability = (
-                arrays[name].astype(np.float32, copy=False) for name in ("direction", "radiance", "probability")
-            )
-        result = checks.made(
-            cls,
-            direction=direction,
-            radiance=radiance,
-            probability=probability,
-            pixel=arrays["pixel"],
-            map_shape=(int(arrays["map_shape"][0]), int(arrays["map_shape"][1])),
-            sequence=str(arrays["sequence"]),
-            seed=int(arrays["seed"]),
-            version=str(arrays["version"]),
-        )
-        _check(path, result)
-        return checks.made(cls, **{**vars(result), "pixel": result.pixel.astype(np.int32, copy=False)})
+        try:
+            return cls(**arrays)
+        except LightdomeError as error:
+            raise LightdomeError(f"{path}: {error}") from error
 
 
 def check_count(count: int) -> None:
@@ -129,56 +117,46 @@ def check_count(count: int) -> None:
         raise LightdomeError(f"a file must hold {MAX_SAMPLES} samples or fewer, got {count}; use fewer samples")
 
 
-# What a file must hold: kinds of its type, and shape with N for the number of samples.
-_FORMAT: dict[str, tuple[str, tuple[object, ...]]] = {
-    "direction": ("f", ("N", 3)),
-    "radiance": ("f", ("N", 3)),
-    "probability": ("f", ("N",)),
-    "pixel": ("iu", ("N", 2)),
-    "map_shape": ("iu", (2,)),
-    "sequence": ("U", ()),
-    "seed": ("iu", ()),
-    "version": ("U", ()),
+# What a file must hold, with the kinds of its types.
+_KINDS = {
+    "direction": "f",
+    "radiance": "f",
+    "probability": "f",
+    "pixel": "iu",
+    "map_shape": "iu",
+    "sequence": "U",
+    "seed": "iu",
+    "version": "U",
 }
 
 
-def _arrays(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of an ``.npz`` after a look at their headers, so that no lie in them costs memory."""
-    arrays: dict[str, np.ndarray] = {}
-    count: int | None = None
-    with _parsing(path):
-        is_special = path.exists() and not path.is_file()
-    if is_special:  # a pipe would be waited for
-        raise LightdomeError(f"cannot read {path}: it is no ordinary file")
+def _arrays(path: Path) -> dict[str, object]:
+    """The arrays of an ``.npz``, each after a look at its header, so that no lie there costs memory."""
+    arrays: dict[str, object] = {}
     with _parsing(path):
         room = MAX_INFLATION * path.stat().st_size
-        archive = zipfile.ZipFile(path)
-    with archive:
-        for name, (kinds, shape) in _FORMAT.items():
-            if f"{name}.npy" not in archive.namelist():
-                raise LightdomeError(f"{path} is no file of samples: it has no array {name!r}")
-            member = archive.getinfo(f"{name}.npy")
-            if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-                raise LightdomeError(f"{path}: the array {name!r} is packed as numpy never does")
-            with _parsing(path), archive.open(member) as stream:
-                version = np.lib.format.read_magic(stream)
-                if version != (1, 0):
-                    raise ValueError("unknown version of the array format")
-                found, _, dtype = np.lib.format.read_array_header_1_0(stream)
-            if dtype.hasobject or dtype.kind not in kinds or dtype.itemsize > 1024:
-                raise LightdomeError(f"{path}: the array {name!r} has the wrong type, {dtype}")
-            wanted = tuple(count if n == "N" and count is not None else n for n in shape)
-            if len(found) != len(wanted) or any(n not in ("N", f) for n, f in zip(wanted, found, strict=True)):
-                raise LightdomeError(f"{path}: the array {name!r} has shape {found}, not {_shape(wanted)}")
-            count = found[0] if "N" in shape else count
-            if count is not None and not 0 < count <= MAX_SAMPLES:
-                raise LightdomeError(f"{path}: holds {count} samples; 1 to {MAX_SAMPLES} can be used")
-            size = int(np.prod(found, dtype=np.int64)) * dtype.itemsize
-            if not size <= min(member.file_size, room) or member.file_size > size + 65536:
-                raise LightdomeError(f"{path} is damaged: the array {name!r} is not as long as it says")
-            with _parsing(path), archive.open(member) as stream:
-                array = np.lib.format.read_array(stream, allow_pickle=False)
-                arrays[name] = np.asarray(array.item()) if dtype.kind == "U" else array  # may be no Unicode
+        if not path.is_file():  # a pipe would be waited for
+            raise LightdomeError(f"cannot read {path}: it is no ordinary file")
+        with zipfile.ZipFile(path) as archive:
+            for name, kinds in _KINDS.items():
+                if f"{name}.npy" not in archive.namelist():
+                    raise LightdomeError(f"{path} is no file of samples: it has no array {name!r}")
+                member = archive.getinfo(f"{name}.npy")
+                if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                    raise LightdomeError(f"{path}: the array {name!r} is packed as numpy never does")
+                with archive.open(member) as stream:
+                    if np.lib.format.read_magic(stream) != (1, 0):
+                        raise ValueError("unknown version of the array format")
+                    shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
+                if dtype.kind not in kinds or (name == "map_shape" and shape != (2,)):
+                    raise LightdomeError(f"{path}: the array {name!r} has the wrong type or shape, {one_line(dtype)}")
+                if max(shape, default=1) > MAX_SAMPLES:
+                    raise LightdomeError(f"{path}: holds more samples than can be used, {MAX_SAMPLES}")
+                if not 0 <= math.prod(shape) * dtype.itemsize <= min(member.file_size, room):
+                    raise LightdomeError(f"{path} is damaged: the array {name!r} is not as long as it says")
+                with archive.open(member) as stream:
+                    array = np.lib.format.read_array(stream, allow_pickle=False)
+                arrays[name] = array if array.ndim else array.item()
     return arrays
 
 
@@ -189,7 +167,7 @@ def _parsing(path: Path) -> Iterator[None]:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             yield
-    except MemoryError:
+    except (MemoryError, LightdomeError):
         raise
     except OSError as error:
         raise LightdomeError(f"cannot read {path}: {error.strerror or one_line(error)}") from error
@@ -197,20 +175,14 @@ def _parsing(path: Path) -> Iterator[None]:
         raise LightdomeError(f"{path} is damaged or no .npz file: {one_line(error)}") from error
 
 
-def _shape(wanted: tuple[object, ...]) -> str:
-    return "(" + ", ".join(str(n) for n in wanted) + ("," if len(wanted) == 1 else "") + ")"
-
-
-def _check(path: Path | str, samples: Samples) -> None:
+def _check(samples: Samples) -> None:
     """Refuse samples that contradict each other; each message names the first that does."""
 
     def refuse(bad: np.ndarray, what: str) -> None:
         if bad.any():
-            raise LightdomeError(f"{path}: {what} (sample {int(np.argmax(bad))})")
+            raise LightdomeError(f"{what} (sample {int(np.argmax(bad))})")
 
     height, width = samples.map_shape
-    if not (0 < height <= MAX_SIDE and 0 < width <= MAX_SIDE):
-        raise LightdomeError(f"{path}: map_shape is {height} x {width}, which is no map")
     x, y = samples.pixel[:, 0].astype(np.int64), samples.pixel[:, 1].astype(np.int64)
     refuse((x < 0) | (x >= width) | (y < 0) | (y >= height), "a pixel lies outside the map")
     p = samples.probability

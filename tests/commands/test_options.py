@@ -25,8 +25,8 @@ from types import SimpleNamespace
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from helpers import ROOT, module_of, stiff_radiance
-from lightdome import pbrt
+from helpers import SCRIPTS, module_of, stiff_radiance
+from lightdome import pbrt, plotting
 from lightdome.cache import cache_folder
 from lightdome.errors import LightdomeError
 from lightdome.evaluation import (
@@ -40,7 +40,7 @@ from lightdome.evaluation import (
     stability,
     stability_cases,
 )
-from lightdome.evaluation.benchmark import Measurement
+from lightdome.evaluation.benchmark import MethodMeasurement
 from lightdome.evaluation.stability import Case, Result
 from lightdome.fresnel import plot
 from lightdome.lighting.exact import exact
@@ -52,8 +52,6 @@ from lightdome.opencl.device import open_device
 from lightdome.rendering.per_pixel import render
 from lightdome.sampling.distribution import build_distribution
 from lightdome.sampling.samples import Samples
-
-SCRIPTS = [path.stem for path in sorted((ROOT / "scripts").glob("*.py")) if not path.stem.startswith("_")]
 
 
 @dataclass
@@ -154,7 +152,7 @@ class World:
         return [*options, *(["--map", self.folder / "map.pfm"] if on_map else [])]
 
 
-MAPPED = ("part2_sample", "part4_pbrt", "bench", "report")
+MAPPED = ("part2_sample", "part4_pbrt", "bench", "roofline", "report")
 
 
 @pytest.fixture(scope="module")
@@ -181,9 +179,9 @@ def options_of(script: str) -> set[str]:
     return {max(action.option_strings, key=len, default=action.dest) for action in actions} - {"--help"}
 
 
-@pytest.mark.parametrize("script", SCRIPTS)
-def test_every_option_has_a_case(script: str) -> None:
-    assert options_of(script) == {name for of, name in CASES if of == script}
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_every_option_has_a_case(name: str) -> None:
+    assert options_of(name) == {option for of, option in CASES if of == name}
 
 
 # ---- what several scripts share ----
@@ -193,12 +191,14 @@ def fake_measurements(patch: pytest.MonkeyPatch) -> list[SimpleNamespace]:
     """The benchmark without its work: what it was asked to measure, and with what."""
     asked: list[SimpleNamespace] = []
 
-    def measure(method: benchmark.Method, count: int, seeds: int, repeats: int, reference: np.ndarray) -> Measurement:
+    def measure_method(
+        method: benchmark.Method, count: int, seeds: int, repeats: int, reference: np.ndarray
+    ) -> MethodMeasurement:
         asked.append(SimpleNamespace(method=method, count=count, seeds=seeds, repeats=repeats, reference=reference))
-        return Measurement(method.name, method.kind, count, seeds, 0.1, 0, 0, 0, 1, 0, 1)
+        return MethodMeasurement(method.name, method.kind, count, seeds, 0.1, 0, 0, 0, 1, 0, 1)
 
-    patch.setattr(benchmark, "measure", measure)
-    patch.setattr(benchmark_plot, "save", lambda *_: None)
+    patch.setattr(benchmark, "measure_method", measure_method)
+    patch.setattr(plotting, "save_figure", lambda *_: None)
     for name in ("error_against_time", "error_against_count", "stages", "images"):
         patch.setattr(benchmark_plot, name, lambda *_: None)
     return asked
@@ -249,6 +249,10 @@ def sees(world: World, patch: pytest.MonkeyPatch, script: str, radiance: np.ndar
         expected = benchmark.methods(world.device, envmap, 9)["r2"].run(4, 0)
         np.testing.assert_array_equal(asked[0].method.run(4, 0), expected)
         return ran
+    if script == "roofline":
+        asked = run_roofline(world, patch, *arguments)
+        np.testing.assert_array_equal(asked.envmap.radiance, radiance)
+        return asked.ran
     ran = world.base(script, *arguments)
     distribution = build_distribution(world.device, envmap)
     if script == "part2_sample":
@@ -306,7 +310,7 @@ def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
     sees(world, patch, script, radiance, "--map", world.folder / "map.pfm", "--flip")
 
 
-@option("--device", "part2_sample", "part3_shade", "part4_pbrt", "bench", "stability", "report")
+@option("--device", "part2_sample", "part3_shade", "part4_pbrt", "bench", "roofline", "stability", "report")
 def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
     with pytest.raises(LightdomeError, match="no OpenCL device matches 'Voodoo 2'"):
         world.base(script, "--device", "Voodoo 2")
@@ -316,18 +320,23 @@ def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
         assert asked.written[0].handle == open_device("0:0").handle
 
 
-@option("--out", "part1_fresnel", "part2_sample", "part3_shade", "part4_pbrt", "bench", "stability", "report")
+@option(
+    "--out", "part1_fresnel", "part2_sample", "part3_shade", "part4_pbrt", "bench", "roofline", "stability", "report"
+)
 def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
     if script == "report":
         ran = fake_report(world, patch).ran
         assert ran.out.is_dir()
     elif script == "stability":
         ran = run_stability(world, patch).ran
-        assert ran.names() == {f"stability.{kind}" for kind in ("csv", "json", "md", "png")}
+        assert ran.names() == {f"stability.{kind}" for kind in ("csv", "json", "png")}
     elif script == "bench":
         fake_measurements(patch)
         ran = world.run(script, *QUICK_BENCH, "--map", world.folder / "map.pfm")
         assert ran.names() == {"bench.csv", "bench.json"}
+    elif script == "roofline":
+        ran = run_roofline(world, patch).ran
+        assert ran.names() == {"roofline.csv", "roofline.json"}
     elif script == "part1_fresnel":
         patch.setattr(plot, "save", lambda *_: [])
         ran = world.run(script)
@@ -453,7 +462,10 @@ def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
     else:
         for spp, expected in render(build_distribution(world.device, envmap), [1, 4], 19):
             np.testing.assert_array_equal(ran.image(f"sphere_{spp}spp.pfm"), expected)
-        assert all(b"19" in ran[f"pbrt/{name}"] for name in ran.names("pbrt/*.pbrt"))
+        scenes = ran.names("pbrt/*.pbrt")
+        assert len(scenes) == 4
+        for name in scenes:
+            assert b'"integer xresolution" [19]' in ran[f"pbrt/{name}"]
 
 
 # ---- parts 1 to 4 ----
@@ -508,9 +520,8 @@ def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
                 np.testing.assert_array_equal(ran.image(f"sphere_{spp}spp.pfm"), expected)
             envmap = EnvironmentMap(world.radiance["map"])
             (world.folder / f"scenes {seed}").mkdir()
-            pbrt.write_scenes(world.folder / f"scenes {seed}", envmap, [1, 4], 12, 1.0, seed)
-            for path in (world.folder / f"scenes {seed}").glob("*.pbrt"):
-                assert ran[f"pbrt/{path.name}"] == path.read_bytes()
+            for scene in pbrt.write_scenes(world.folder / f"scenes {seed}", envmap, [1, 4], 12, 1.0, seed):
+                assert ran[f"pbrt/{scene.path.name}"] == scene.path.read_bytes()
     assert other.json()["options"]["seed"] == 9
     name = "samples_40.npz" if script == "part2_sample" else "sphere_4spp.pfm"
     assert plain[name] != other[name]
@@ -729,27 +740,53 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
     assert [a.count for a in asked] == [5, 2]
 
 
-@option("--roofline", "bench")
-def _(world: World, patch: pytest.MonkeyPatch) -> None:
-    planned = []
+def run_roofline(world: World, patch: pytest.MonkeyPatch, *arguments: object) -> SimpleNamespace:
+    """The roofline without its work: what was planned, of which map."""
+    asked = SimpleNamespace()
     limits = roofline.Limits({2**21: 1e9}, 1e9, 1e-6)
     stage = roofline_stages.Stage("a", print, roofline_stages.Work(1, 1, 1, "samples"))
     patch.setattr(roofline, "measure_limits", lambda _: limits)
-    patch.setattr(roofline, "measure", lambda _, stage, repeats: roofline.Timing(stage, repeats, 0, repeats, None))
+    patch.setattr(roofline, "time_stage", lambda _, stage, repeats: roofline.Timing(stage, repeats, 0, repeats, None))
 
-    def plan(device: object, envmap: EnvironmentMap, name: str, *sizes: object, N: int) -> list[tuple[float, object]]:
-        planned.append((name, *map(list, (sizes[0], sizes[1])), sizes[2], list(sizes[3])))
+    def plan(_: object, envmap: EnvironmentMap, name: str, *sizes: object, N: int) -> list[tuple[float, object]]:
+        asked.envmap, asked.planned = envmap, (name, *map(list, (sizes[0], sizes[1])), sizes[2], list(sizes[3]))
         return [(0.5, stage)]
 
     patch.setattr(roofline_stages, "plan", plan)
-    patch.setattr(benchmark_plot, "save", lambda *_: None)
-    on_map = ("--map", world.folder / "map.pfm", "--roofline")
-    ran = world.run("bench", *on_map, "--quick", "--repeats", 7, "--resolution", 300)
-    assert planned == [("map.pfm", [512, 2048], [255, 300, 511], 300, [64, 1024, 65536])]
-    assert ran.json("roofline.json")["measurements"][0]["repeats"] == 7
-    assert ran.names() == {"roofline.csv", "roofline.json"}
-    world.run("bench", *on_map)
-    assert planned[1][1] == [512, 2048, 8192]
+    patch.setattr(plotting, "save_figure", lambda *_: None)
+    asked.ran = world.run("roofline", *world.cheap("roofline", tuple(map(str, arguments))), *arguments)
+    asked.repeats = asked.ran.json("roofline.json")["measurements"][0]["repeats"]
+    return asked
+
+
+@option("--resolution", "roofline")
+def _(world: World, patch: pytest.MonkeyPatch) -> None:
+    plain, larger = run_roofline(world, patch), run_roofline(world, patch, "--resolution", 600)
+    assert plain.planned[2:4] == ([255, 511, 2047], 511)
+    assert larger.planned[2:4] == ([255, 511, 600, 2047], 600)
+
+
+@option("--repeats", "roofline")
+def _(world: World, patch: pytest.MonkeyPatch) -> None:
+    assert [run_roofline(world, patch, *more).repeats for more in ((), ("--repeats", 7))] == [5, 7]
+
+
+@option("--quick", "roofline")
+def _(world: World, patch: pytest.MonkeyPatch) -> None:
+    whole, quick = run_roofline(world, patch), run_roofline(world, patch, "--quick")
+    assert whole.planned == (
+        "map.pfm",
+        [512, 2048, 8192],
+        [255, 511, 2047],
+        511,
+        [64, 1024, 16384, 131072, 1048576],
+    )
+    assert quick.planned == ("map.pfm", [512, 2048], [255, 511], 255, [64, 1024, 65536])
+    assert quick.repeats == 3
+    # What is said all the same holds.
+    own = run_roofline(world, patch, "--quick", "--repeats", 7, "--resolution", 300)
+    assert own.planned == ("map.pfm", [512, 2048], [255, 300, 511], 300, [64, 1024, 65536])
+    assert own.repeats == 7
 
 
 def run_stability(world: World, patch: pytest.MonkeyPatch, *arguments: object) -> SimpleNamespace:
@@ -845,6 +882,6 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
     ]
 
 
-@pytest.mark.parametrize(("script", "name"), CASES, ids=[" ".join(case) for case in CASES])
-def test_an_option_does_what_it_says(world: World, monkeypatch: pytest.MonkeyPatch, script: str, name: str) -> None:
-    CASES[script, name](world, monkeypatch)
+@pytest.mark.parametrize("case", CASES, ids=" ".join)
+def test_an_option_does_what_it_says(world: World, monkeypatch: pytest.MonkeyPatch, case: tuple[str, str]) -> None:
+    CASES[case](world, monkeypatch)

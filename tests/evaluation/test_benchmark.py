@@ -12,10 +12,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from helpers import Script, module_of, stiff_radiance
-from lightdome import reference
+from lightdome import plotting, reference
 from lightdome.disc import disc_mask
-from lightdome.evaluation import benchmark, benchmark_plot
-from lightdome.evaluation.benchmark import Measurement, Method
+from lightdome.evaluation import benchmark, metrics
+from lightdome.evaluation.benchmark import Method, MethodMeasurement
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import write_image
 from lightdome.names import METHODS
@@ -24,8 +24,8 @@ from lightdome.opencl.device import Device
 R = 21
 
 
-def point(method: str, seconds: float, rmse: float, count: int = 1) -> Measurement:
-    return Measurement(method, "shared", count, 1, rmse, 0, 0, 0, seconds, 0, 0)
+def point(method: str, seconds: float, rmse: float, count: int = 1) -> MethodMeasurement:
+    return MethodMeasurement(method, "shared", count, 1, rmse, 0, 0, 0, seconds, 0, 0)
 
 
 def test_errors_are_those_that_were_put_in() -> None:
@@ -37,13 +37,13 @@ def test_errors_are_those_that_were_put_in() -> None:
         image[~mask] = 99  # outside the disc nothing counts
         return image
 
-    measured = benchmark.measure(Method("known", "shared", run), 2, seeds=4, repeats=1, reference=truth)
+    measured = benchmark.measure_method(Method("known", "shared", run), 2, seeds=4, repeats=1, reference=truth)
     assert measured.rmse == pytest.approx(0.05, rel=1e-5)
     assert measured.rmse_spread == pytest.approx(0, abs=1e-7)
     assert measured.largest_error == pytest.approx(0.05, rel=1e-5)
     assert measured.bias == pytest.approx(0, abs=1e-7)
     assert measured.seeds == 4
-    once = benchmark.measure(Method("known", "order", run, random=False), 1, seeds=4, repeats=1, reference=truth)
+    once = benchmark.measure_method(Method("known", "order", run, random=False), 1, seeds=4, repeats=1, reference=truth)
     assert once.bias == pytest.approx(-0.1, rel=1e-5)
     assert once.seeds == 1
 
@@ -62,7 +62,7 @@ def test_times_are_those_of_the_median_run_and_the_first_is_kept_apart(monkeypat
 
     monkeypatch.setattr(benchmark, "time", SimpleNamespace(perf_counter=lambda: clock))
     device = SimpleNamespace(profile=SimpleNamespace(clear=profile.clear, seconds=profile.copy))
-    measured = benchmark.measure(Method("slow", "shared", run, device=device), 1, 1, 5, np.ones((R, R, 3)))
+    measured = benchmark.measure_method(Method("slow", "shared", run, device=device), 1, 1, 5, np.ones((R, R, 3)))
     assert measured.first_seconds == 20
     assert measured.wall_seconds == 3
     assert measured.wall_spread == 1
@@ -71,19 +71,20 @@ def test_times_are_those_of_the_median_run_and_the_first_is_kept_apart(monkeypat
 
 def test_the_front_holds_what_nothing_beats() -> None:
     points = [point("a", 1, 0.5), point("b", 2, 0.6), point("c", 3, 0.1), point("d", 3, 0.2), point("e", 4, 0.1)]
-    assert [p.method for p in benchmark.pareto_front(points)] == ["a", "c"]
-    best = benchmark.cheapest(points, 0.2)
+    assert [p.method for p in metrics.pareto_front(points)] == ["a", "c"]
+    best = metrics.cheapest(points, 0.2)
     assert best is not None
     assert best.method == "c"
-    assert benchmark.cheapest(points, 0.01) is None
+    assert metrics.cheapest(points, 0.01) is None
 
 
 def test_the_slope_is_the_exponent() -> None:
     points = [point("a", 1, 3 * n**-0.75, n) for n in (16, 64, 256)]
-    assert benchmark.slope(points) == pytest.approx(-0.75)
-    assert benchmark.slope(points[:1]) is None
+    assert metrics.slope(points) == pytest.approx(-0.75)
+    assert metrics.slope(points[:1]) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "count", "tolerance"),
     [
@@ -130,6 +131,7 @@ def test_every_method_is_in_that_test(device: Device) -> None:
     assert tested == set(benchmark.methods(device, EnvironmentMap(np.ones((4, 8, 3))), R))
 
 
+@pytest.mark.slow
 def test_the_script_end_to_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -138,7 +140,7 @@ def test_the_script_end_to_end(
     options = ["--resolution", R, "--seeds", 2, "--repeats", 2, "--counts", 4, 8, "--spp", 2, "--out", out]
     monkeypatch.setattr(sys, "argv", ["bench.py", "--map", str(tmp_path / "map.pfm"), *map(str, options)])
     # Pictures of all methods take longer than their measurements; test_peers.py looks at the files of a few.
-    monkeypatch.setattr(benchmark_plot, "save", lambda figure, path: path.touch())
+    monkeypatch.setattr(plotting, "save_figure", lambda figure, path: path.touch())
     module_of("bench").main()
     assert "cheapest method measured" in capsys.readouterr().out
 

@@ -15,8 +15,8 @@ from helpers import PYTHON_PROGRAM, Script, stiff_radiance
 from lightdome import reference
 from lightdome.disc import disc_mask
 from lightdome.errors import LightdomeError
-from lightdome.evaluation import peer_mitsuba, peer_numpy, peer_pbrt, peers
-from lightdome.evaluation.benchmark import Method, measure
+from lightdome.evaluation import mitsuba_process, peer_mitsuba, peer_numpy, peer_pbrt, peers
+from lightdome.evaluation.benchmark import Method, measure_method
 from lightdome.evaluation.benchmark_plot import error_against_time
 from lightdome.evaluation.stability import chi_square_z
 from lightdome.lighting.exact import exact
@@ -25,6 +25,8 @@ from lightdome.maps.images import write_image
 from lightdome.opencl.device import Device
 from lightdome.pbrt.run import Pbrt
 from lightdome.pbrt.scenes import Scene
+
+pytestmark = pytest.mark.slow  # most work for seconds, or start a stand-in
 
 SIZE = 48
 
@@ -38,11 +40,11 @@ def blocks() -> EnvironmentMap:
 
 
 @pytest.fixture(scope="module", params=peer_mitsuba.VARIANTS)
-def mitsuba(request: pytest.FixtureRequest, blocks: EnvironmentMap) -> Iterator[peer_mitsuba.Mitsuba]:
-    if not peer_mitsuba.installed():
+def mitsuba(request: pytest.FixtureRequest, blocks: EnvironmentMap) -> Iterator[peer_mitsuba.MitsubaRenderer]:
+    if not mitsuba_process.installed():
         pytest.skip(f"needs Mitsuba: {peers.INSTALL}")
     try:
-        yield peer_mitsuba.Mitsuba(request.param, blocks.radiance)
+        yield peer_mitsuba.MitsubaRenderer(request.param, blocks.radiance)
     except LightdomeError as error:
         if "needs LLVM" not in str(error):
             raise
@@ -98,7 +100,7 @@ def test_misplacements_are_seen(blocks: EnvironmentMap) -> None:
 
 
 def test_numpy_meets_the_exact_image(device: Device, blocks: EnvironmentMap) -> None:
-    image, stages = peer_numpy.render(blocks.radiance, SIZE, 2**18, seed=1)
+    image, stages = peer_numpy.draw_and_shade(blocks.radiance, SIZE, 2**18, seed=1)
     assert_meets_exact(image, device, blocks, "centres")
     assert set(stages) == {"draw", "shade"}
 
@@ -153,7 +155,9 @@ def test_mitsubas_rows_interpolate_between_ours() -> None:
 
 
 @pytest.mark.peer
-def test_mitsuba_meets_the_exact_image(device: Device, blocks: EnvironmentMap, mitsuba: peer_mitsuba.Mitsuba) -> None:
+def test_mitsuba_meets_the_exact_image(
+    device: Device, blocks: EnvironmentMap, mitsuba: peer_mitsuba.MitsubaRenderer
+) -> None:
     image, stages = mitsuba.render(SIZE, 1024, seed=0)
     assert_meets_exact(image, device, blocks)
     assert set(stages) == {"scene", "render"}
@@ -162,7 +166,7 @@ def test_mitsuba_meets_the_exact_image(device: Device, blocks: EnvironmentMap, m
 
 
 @pytest.mark.peer
-def test_mitsuba_says_how_many_samples_it_took(mitsuba: peer_mitsuba.Mitsuba) -> None:
+def test_mitsuba_says_how_many_samples_it_took(mitsuba: peer_mitsuba.MitsubaRenderer) -> None:
     for spp in (1, 8, 16, 32):
         mitsuba.render(4, spp, 0)
     taken = mitsuba.about["samples per pixel"]
@@ -171,11 +175,11 @@ def test_mitsuba_says_how_many_samples_it_took(mitsuba: peer_mitsuba.Mitsuba) ->
 
 
 @pytest.mark.peer
-@pytest.mark.skipif(not peer_mitsuba.installed(), reason=f"needs Mitsuba: {peers.INSTALL}")
+@pytest.mark.skipif(not mitsuba_process.installed(), reason=f"needs Mitsuba: {peers.INSTALL}")
 @pytest.mark.skipif(os.name != "posix", reason="crashes are told by signals")
 def test_a_mitsuba_that_crashes_is_an_error_and_no_crash() -> None:
-    peer = peer_mitsuba.Mitsuba("scalar_rgb", np.ones((2, 4, 3), np.float32))
-    os.kill(peer._process.pid, signal.SIGABRT)
+    peer = peer_mitsuba.MitsubaRenderer("scalar_rgb", np.ones((2, 4, 3), np.float32))
+    os.kill(peer._process._process.pid, signal.SIGABRT)
     with pytest.raises(LightdomeError, match="crashed"):
         peer.render(4, 1, 0)
     with pytest.raises(LightdomeError):
@@ -183,7 +187,7 @@ def test_a_mitsuba_that_crashes_is_an_error_and_no_crash() -> None:
 
 
 @pytest.mark.peer
-@pytest.mark.skipif(not peer_mitsuba.installed(), reason=f"needs Mitsuba: {peers.INSTALL}")
+@pytest.mark.skipif(not mitsuba_process.installed(), reason=f"needs Mitsuba: {peers.INSTALL}")
 def test_a_mitsuba_without_llvm_is_absent(monkeypatch: pytest.MonkeyPatch, blocks: EnvironmentMap) -> None:
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", "/nowhere/libLLVM.so")
     found = peers.find(["mitsuba"], blocks, 4)
@@ -192,7 +196,7 @@ def test_a_mitsuba_without_llvm_is_absent(monkeypatch: pytest.MonkeyPatch, block
 
 
 def test_what_is_not_installed_is_absent(monkeypatch: pytest.MonkeyPatch, blocks: EnvironmentMap) -> None:
-    monkeypatch.setattr(peer_mitsuba, "find_spec", lambda name: None)
+    monkeypatch.setattr(mitsuba_process, "find_spec", lambda name: None)
     monkeypatch.setenv("PATH", "/nowhere")
     monkeypatch.setenv("XDG_CACHE_HOME", "/nowhere")
     found = peers.find(["mitsuba", "pbrt"], blocks, 4)
@@ -241,7 +245,7 @@ def test_a_peer_is_random_if_another_seed_gives_another_image(tmp_path: Path, bl
         first, second = method.run(4, 1), method.run(4, 2)
         assert method.random == (not np.array_equal(first, second)), name
     assert not found.methods["pbrt-v3"].random
-    point = measure(found.methods["pbrt-v3"], 4, seeds=3, repeats=1, reference=np.ones((8, 8, 3)))
+    point = measure_method(found.methods["pbrt-v3"], 4, seeds=3, repeats=1, reference=np.ones((8, 8, 3)))
     assert point.seeds == 1
 
 
@@ -291,7 +295,7 @@ def test_pbrt_meets_the_exact_image(device: Device, blocks: EnvironmentMap) -> N
 
 def test_a_peers_time_is_its_own_clocks(blocks: EnvironmentMap) -> None:
     method = Method("p", "per pixel", lambda count, seed: np.ones((4, 4, 3)), peer=True, clock=lambda: {"a": 3, "b": 4})
-    point = measure(method, 2, seeds=2, repeats=3, reference=np.full((4, 4, 3), 2.0))
+    point = measure_method(method, 2, seeds=2, repeats=3, reference=np.full((4, 4, 3), 2.0))
     assert point.peer
     assert point.wall_seconds == 7
     assert point.stages == {"a": 3, "b": 4}

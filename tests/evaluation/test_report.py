@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import re
 import shutil
 import sys
 import zipfile
@@ -19,8 +20,8 @@ from lightdome import __version__
 from lightdome.commands import settings
 from lightdome.disc import disc_mask
 from lightdome.errors import LightdomeError
-from lightdome.evaluation import benchmark, benchmark_plot, peer_mitsuba, report, report_figures, stability
-from lightdome.evaluation.report_figures import left_after_averaging
+from lightdome.evaluation import benchmark, benchmark_plot, mitsuba_process, report, report_figures, stability
+from lightdome.evaluation.metrics import left_after_averaging
 from lightdome.evaluation.stability import Result
 from lightdome.evaluation.stability_cases import CASES
 from lightdome.lighting.exact import exact as exact_image
@@ -48,13 +49,13 @@ def out(device: Device, small_map: Path, tmp_path_factory: pytest.TempPathFactor
     methods = benchmark.methods(device, envmap, 21)
     reference = methods["exact"].run(1, 0)
     points = [
-        benchmark.measure(methods[name], count, 2, 1, reference)
+        benchmark.measure_method(methods[name], count, 2, 1, reference)
         for name in ("independent", "light", "harmonics", "exact")
         for count in (4, 16)
     ]
     options = QUICK | {"resolution": 21, "seeds": 2, "repeats": 1}
     made_with = settings.settings(device, envmap, options) | {"peers": {}, "absent": {"pbrt": "no pbrt on PATH"}}
-    benchmark.write_json(out / "bench" / "bench.json", points, made_with)
+    benchmark.write_method_json(out / "bench" / "bench.json", points, made_with)
     results = [
         *(stability.run(case, device, 1000) for case in CASES[:2]),
         Result("lightdome", "broken", "NaN", {"p": float("nan"), "image": 1e3}),
@@ -63,7 +64,7 @@ def out(device: Device, small_map: Path, tmp_path_factory: pytest.TempPathFactor
     ]
     made_with = settings.settings(device, None, {"quick": True, "draws": 1000})
     made_with |= {"peers": {"mitsuba": {"mitsuba": "3.9.1"}}, "absent": {}}
-    stability.write_json(out / "stability" / "stability.json", results, made_with)
+    stability.write_stability_json(out / "stability" / "stability.json", results, made_with)
     return out
 
 
@@ -94,31 +95,39 @@ def test_the_archive_holds_the_report_and_all_images_with_their_sums(made: Path)
     assert same == (made / "report" / "part3" / "sphere_64.pfm").read_bytes()
 
 
+def test_the_same_inputs_give_the_same_bytes(
+    the_script: ModuleType, small_map: Path, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(made, tmp_path / "out")
+    again = tmp_path / "out" / "report"
+    for name in (report.PDF, report.ARCHIVE):
+        (again / name).unlink()
+    monkeypatch.setattr(the_script, "run", lambda *_: pytest.fail("the results are there"))
+    monkeypatch.setattr(sys, "argv", ["report.py", "--quick", "--map", str(small_map), "--out", str(again)])
+    the_script.main()
+    for name in (report.PDF, report.ARCHIVE):
+        assert (again / name).read_bytes() == (made / "report" / name).read_bytes()
+
+
 @pytest.fixture(scope="module")
-def figures(the_script: ModuleType, small_map: Path, made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The figures of a report that is made again, in this process, into ``out/report`` beside them."""
-    folder = tmp_path_factory.mktemp("again")
-    shutil.copytree(made, folder / "out")
-    second = folder / "out" / "report"
-    for name in (report.PDF, report.ARCHIVE):
-        (second / name).unlink()
-    draw = report._draw
-
-    def draw_and_keep(*arguments: object) -> None:
-        draw(*arguments)
-        shutil.copytree(arguments[-1], folder / "figures")
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(report, "_draw", draw_and_keep)
-        patch.setattr(the_script, "run", lambda *_: pytest.fail("the results are there"))
-        patch.setattr(sys, "argv", ["report.py", "--quick", "--map", str(small_map), "--out", str(second)])
-        the_script.main()
-    return folder / "figures"
+def figures(device: Device, small_map: Path, made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The report's figures, as if part 4 had been drawn by a PBRT."""
+    folder = tmp_path_factory.mktemp("figures")
+    envmap, results = EnvironmentMap.read(small_map), of_pbrt(results_of(made))
+    report.draw(device, envmap, results, report.load_images(device, envmap, results), folder)
+    return folder
 
 
-def test_the_same_inputs_give_the_same_bytes(made: Path, figures: Path) -> None:
-    for name in (report.PDF, report.ARCHIVE):
-        assert (figures.parent / "out" / "report" / name).read_bytes() == (made / "report" / name).read_bytes()
+def test_each_figure_holds_the_images_of_its_kind(device: Device, small_map: Path, made: Path, figures: Path) -> None:
+    envmap, results = EnvironmentMap.read(small_map), of_pbrt(results_of(made))
+    images = report.load_images(device, envmap, results)
+    kinds = zip(("shared", "per_pixel"), images.named(), (images.exact, images.exact_per_pixel), strict=True)
+    for figure, named, exact in kinds:
+        # Matplotlib writes each text beside its outlines.
+        said = re.findall("<!-- (.*?) -->", (figures / f"{figure}.svg").read_text(encoding="utf-8"))
+        assert [text for text in said if text.endswith((" shared", " per pixel"))] == list(named)
+        errors = [f"{100 * left_after_averaging(image, exact, 1):.2f} %" for image in named.values()]
+        assert [text for text in said if text.endswith(" %")] == errors
 
 
 @pytest.fixture(scope="module")
@@ -213,6 +222,11 @@ def results_of(made: Path) -> report.Results:
     return report.Results(folders, {name: settings.read(folders[name] / records[name]) for name in folders})
 
 
+def of_pbrt(results: report.Results) -> report.Results:
+    part4 = {**results.settings["part4"], "pbrt": "PBRT-v4", "device": None}
+    return report.Results(results.folders, {**results.settings, "part4": part4})
+
+
 def test_the_numbers_are_those_of_the_runs(device: Device, small_map: Path, made: Path) -> None:
     envmap, results = EnvironmentMap.read(small_map), results_of(made)
     images = report.load_images(device, envmap, results)
@@ -221,11 +235,8 @@ def test_the_numbers_are_those_of_the_runs(device: Device, small_map: Path, made
 
     # Our `light` sees centres of pixels, a PBRT, which may be installed here, areas.
     assert (images.exact_per_pixel is images.exact) == (results.settings["part4"]["pbrt"] is None)
-    by_pbrt = report.Results(
-        results.folders, results.settings | {"part4": results.settings["part4"] | {"pbrt": "PBRT-v4"}}
-    )
     areas = exact_image(device, envmap, 255, pixels="areas")
-    np.testing.assert_array_equal(report.load_images(device, envmap, by_pbrt).exact_per_pixel, areas)
+    np.testing.assert_array_equal(report.load_images(device, envmap, of_pbrt(results)).exact_per_pixel, areas)
     mask = disc_mask(255)
     for rows, of_kind, exact in (
         (d["shared"], images.shared, images.exact),
@@ -249,11 +260,13 @@ def test_the_numbers_are_those_of_the_runs(device: Device, small_map: Path, made
     assert d["seeds"][0][:3] == ["independent", "4", "2"]
     # Parts 2 and 3 share their samples: their errors hardly fall; those of part 4 do.
     fallen = {name: float(times) for name, *_, times in d["averaging"]}
-    assert fallen["64 shared"] < 2 < 5 < fallen["64 a pixel"]
+    assert fallen["64 shared"] < 2 < 5 < fallen["64 per pixel"]
 
 
-def test_the_stability_table_shows_failures_and_peers_beside_them(made: Path) -> None:
-    found = report._stability(results_of(made).settings["stability"])
+def test_the_stability_table_shows_failures_and_peers_beside_them(device: Device, small_map: Path, made: Path) -> None:
+    envmap, results = EnvironmentMap.read(small_map), results_of(made)
+    images = report.load_images(device, envmap, results)
+    found = report.numbers(envmap, small_map.name, results, images)["stability"]
     assert (found["holds"], found["fails"], found["skipped"]) == (2, 1, 1)
     rows = found["own"]["rows"]
     assert [(row["case"], row["note"]) for row in rows[2:]] == [("NaN", "FAILS"), ("too large", "skipped")]
@@ -267,12 +280,12 @@ def test_the_stability_table_shows_failures_and_peers_beside_them(made: Path) ->
 
 
 def test_the_renderer_and_other_programs_are_named(
-    device: Device, small_map: Path, made: Path, figures: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    device: Device, small_map: Path, made: Path, figures: Path, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(report, "_draw", lambda *arguments: shutil.copytree(figures, arguments[-1], dirs_exist_ok=True))
-    envmap, ours = EnvironmentMap.read(small_map), results_of(made)
-    part4 = {**ours.settings["part4"], "pbrt": "PBRT-v4", "device": None}
-    theirs = report.Results(ours.folders, {**ours.settings, "part4": part4})
+    def drawn(*arguments: object) -> None:
+        shutil.copytree(figures, arguments[-1], dirs_exist_ok=True)
+
+    envmap, theirs = EnvironmentMap.read(small_map), of_pbrt(results_of(made))
     d = report.numbers(envmap, small_map.name, theirs, report.load_images(device, envmap, theirs))
     assert d["renderer"] == "PBRT-v4"
     for agreeing in (
@@ -281,7 +294,7 @@ def test_the_renderer_and_other_programs_are_named(
         (["stability"], "mitsuba (mitsuba 3.9.1)"),
     ):
         assert agreeing in d["made_with"]
-    report.write(device, envmap, small_map.name, theirs, tmp_path)
+    report.write(device, envmap, small_map.name, theirs, tmp_path, drawn)
     assert (tmp_path / report.PDF).read_bytes() != (made / "report" / report.PDF).read_bytes()
 
 
@@ -302,14 +315,15 @@ def test_other_programs_that_are_there_are_measured(
 
     monkeypatch.setattr(the_script, "Runs", Runs)
     monkeypatch.setattr(report, "write", lambda *_: 0)
-    monkeypatch.setattr(peer_mitsuba, "installed", lambda: there)
+    monkeypatch.setattr(mitsuba_process, "installed", lambda: there)
     options = argparse.Namespace(
         map=small_map, layer=None, flip=False, out=tmp_path, device=None, quick=True, sanitize=False, pbrt=None
     )
     the_script.make(options)
     assert ("mitsuba" in asked["stability"], "mitsuba" in asked["bench"], "pbrt" in asked["bench"]) == (there,) * 3
     assert "numpy" in asked["bench"]
-    assert asked["bench"][-2:] == ["--pbrt", "/opt/pbrt"] or not there
+    of_pbrt = [option for option in asked["bench"] if "pbrt" in option]
+    assert of_pbrt == (["pbrt", "--pbrt", "/opt/pbrt"] if there else [])
 
 
 def test_a_map_behind_the_sphere_is_refused(device: Device, made: Path, tmp_path: Path) -> None:

@@ -14,7 +14,8 @@ from helpers import module_of, stiff_radiance
 from lightdome import reference
 from lightdome.disc import disc_mask
 from lightdome.evaluation import roofline
-from lightdome.evaluation.roofline import Limits, Measurement, Timing
+from lightdome.evaluation.metrics import exponent
+from lightdome.evaluation.roofline import Limits, StageMeasurement, Timing
 from lightdome.evaluation.roofline_stages import MADE, MapStages, Stage, Work, harmonics, made_map, shading
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.geometry import row_angles
@@ -41,7 +42,9 @@ EVERY_STAGE = {
 }
 
 
-def point(stage: str, seconds: float, map: str = MADE, height: int = 8, resolution: int = 4, N: int = 2) -> Measurement:
+def point(
+    stage: str, seconds: float, map: str = MADE, height: int = 8, resolution: int = 4, N: int = 2
+) -> StageMeasurement:
     work = Work(1e6, 1e6, 1.0, "samples")
     timing = Timing(Stage(stage, print, work, None, map, (height, 2 * height), resolution, N), seconds, 0.0, 1, None)
     return roofline.rated(timing, LIMITS)
@@ -89,9 +92,9 @@ def test_shares_are_of_the_limit_that_binds() -> None:
 
 
 def test_exponents_are_those_that_were_put_in() -> None:
-    assert roofline.exponent([1, 10, 100], [3, 3 * 10**1.5, 3000]) == pytest.approx(1.5)
-    assert roofline.exponent([4, 4], [1, 2]) is None
-    assert roofline.exponent([1, 2], [0, 1]) is None
+    assert exponent([1, 10, 100], [3, 3 * 10**1.5, 3000]) == pytest.approx(1.5)
+    assert exponent([4, 4], [1, 2]) is None
+    assert exponent([1, 2], [0, 1]) is None
     points = [point("a", h**-2.5, height=h) for h in (8, 16, 64)]
     points += [point("a", r, map="photo", resolution=r) for r in (2, 4, 8)]
     points += [point("b", 1, N=n) for n in (2, 20)]
@@ -106,7 +109,7 @@ def test_memory_that_a_run_takes_is_seen_although_it_is_free_again(device: Devic
         pytest.skip("this system does not tell the peak of a process's memory")
     for mib in (40, 160):  # more than malloc may have kept from tests before
         stage = Stage("taking", lambda mib=mib: np.ones(mib << 17), Work(1, 1, 1, "samples"))
-        peak = roofline.measure(device, stage, 1).peak_bytes
+        peak = roofline.time_stage(device, stage, 1).peak_bytes
         # A busy system takes and gives back pages of its own accord, but not half of them.
         assert mib / 2 < peak / 2**20 < 2 * mib
 
@@ -115,12 +118,13 @@ def test_a_stage_beside_a_copy_is_held_against_it(device: Device) -> None:
     stages = [
         Stage("known", lambda: None, Work(2**18, 1, 1, "pixels"), events=(), beside_copy=b) for b in (True, False)
     ]
-    beside, alone = (roofline.measure(device, stage, 3) for stage in stages)
+    beside, alone = (roofline.time_stage(device, stage, 3) for stage in stages)
     assert beside.bandwidth > 0
     assert beside.seconds == 0  # the copy's time is not the stage's
     assert alone.bandwidth is None
 
 
+@pytest.mark.slow
 def test_pairs_and_arcs_are_those_of_the_sphere(device: Device) -> None:
     resolution, envmap = 33, EnvironmentMap(stiff_radiance(64, 128))
     disc = disc_mask(resolution)
@@ -152,15 +156,16 @@ def test_harmonics_count_their_terms(device: Device) -> None:
     assert harmonics(device, 33).work.operations == (filtered + 2 * 66) * disc_mask(33).sum()
 
 
+@pytest.mark.slow
 def test_the_script_holds_every_stage_against_its_limit(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     write_image(tmp_path / "map.pfm", stiff_radiance(16, 32))
     out = tmp_path / "out"
-    options = ["--roofline", "--quick", "--resolution", "17", "--repeats", "2"]
-    monkeypatch.setattr(sys, "argv", ["bench.py", *options, "--map", str(tmp_path / "map.pfm"), "--out", str(out)])
+    options = ["--quick", "--resolution", "17", "--repeats", "2"]
+    monkeypatch.setattr(sys, "argv", ["roofline.py", *options, "--map", str(tmp_path / "map.pfm"), "--out", str(out)])
     monkeypatch.setattr(roofline, "COPY_BYTES", (2**16, 2**18))
-    bench = module_of("bench")
-    monkeypatch.setattr(bench, "ROOFLINE_QUICK", ((16, 32), (33,), (4, 64)))
-    bench.main()
+    command = module_of("roofline")
+    monkeypatch.setattr(command, "QUICK_SIZES", ((16, 32), (33,), (4, 64)))
+    command.main()
 
     with (out / "roofline.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))

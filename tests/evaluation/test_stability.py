@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -20,8 +21,8 @@ from lightdome import reference
 from lightdome.checks import made
 from lightdome.disc import disc_mask
 from lightdome.errors import LightdomeError
-from lightdome.evaluation import peer_mitsuba, peer_mitsuba_distribution, peers, stability, stability_cases
-from lightdome.evaluation.stability import COLUMNS, Case, Figures, Lightdome, Result, Truth, measure
+from lightdome.evaluation import mitsuba_process, peer_mitsuba_distribution, peers, stability, stability_cases
+from lightdome.evaluation.stability import COLUMNS, Case, Figures, Lightdome, Result, Truth, measure_sampler
 from lightdome.evaluation.stability_plot import colour
 from lightdome.float_range import LARGEST
 from lightdome.lighting.exact import exact
@@ -98,7 +99,7 @@ def test_images_end_at_the_ends_of_float32(device: Device, value: float) -> None
         "albedo 0, 1, 1.5, 1e6",
         "light exactly at the rim",
         "light exactly behind",
-        "white furnace",
+        pytest.param("white furnace", marks=pytest.mark.slow),
         "one sun of 1e20: samples are the image",
         "eta 1 - 1e-7, 1, 1 + 1e-7",
     ],
@@ -200,7 +201,7 @@ def shifted(samples: Samples) -> Samples:
 def test_a_defect_fails_the_columns_that_it_concerns(
     device: Device, stiff: EnvironmentMap, defect: dict[str, object], missed: set[str]
 ) -> None:
-    figures = measure(Broken(device, stiff, **defect), Truth(stiff.radiance), DRAWS)
+    figures = measure_sampler(Broken(device, stiff, **defect), Truth(stiff.radiance), DRAWS)
     assert missed <= set(Result("broken", "", "", figures).failures)
     assert missed or not Result("broken", "", "", figures).failures
 
@@ -211,14 +212,45 @@ def test_draws_that_are_too_even_for_chance_fail(device: Device, stiff: Environm
         def draw(self, count: int, seed: int) -> Samples:
             return self.distribution.sample(count, seed, sequence)
 
-    figures = measure(Even(build_distribution(device, stiff)), Truth(stiff.radiance), DRAWS)
+    figures = measure_sampler(Even(build_distribution(device, stiff)), Truth(stiff.radiance), DRAWS)
     assert Result("even", "", "", figures).failures == ["chi2"]
+
+
+def test_each_million_draws_has_a_seed_of_its_own(device: Device) -> None:
+    asked: list[tuple[int, int]] = []
+
+    class Noted(Lightdome):
+        def draw(self, count: int, seed: int) -> Samples:
+            asked.append((count, seed))
+            return super().draw(count, seed)
+
+    radiance = np.ones((1, 2, 3), np.float32)
+    measure_sampler(
+        Noted(build_distribution(device, EnvironmentMap(radiance))), Truth(radiance), 2 * stability.BLOCK + 3
+    )
+    assert [count for count, _ in asked] == [stability.BLOCK, stability.BLOCK, 3]
+    assert len({seed for _, seed in asked}) == 3
+
+
+def test_pixels_outside_the_disc_are_no_fault_of_a_peer(device: Device, stiff: EnvironmentMap) -> None:
+    def filled(image: np.ndarray) -> np.ndarray:
+        return np.where(disc_mask(len(image))[..., None], image, 1)
+
+    def peer(radiance: np.ndarray) -> Broken:
+        return Broken(device, EnvironmentMap(radiance), image=filled)
+
+    own = measure_sampler(peer(stiff.radiance), Truth(stiff.radiance), 1000)
+    assert Result("lightdome", "", "", own).failures == ["wrong"]
+    case = Case("a map", "none", lambda *_: [], maps=lambda: [stiff.radiance])
+    result = stability.run_peer(case, "peer", peer, 1000)
+    assert result.figures.keys() == own.keys() - {"wrong"}
+    assert not result.failures
 
 
 def test_a_wrong_flux_fails(device: Device, stiff: EnvironmentMap) -> None:
     sampler = Lightdome(build_distribution(device, stiff))
     sampler.flux *= 1 + 3e-6
-    assert Result("broken", "", "", measure(sampler, Truth(stiff.radiance), DRAWS)).failures == ["flux"]
+    assert Result("broken", "", "", measure_sampler(sampler, Truth(stiff.radiance), DRAWS)).failures == ["flux"]
 
 
 @pytest.mark.parametrize(("change", "missed"), [(0, []), (-(2**21), ["cdf", "drawn"]), (2**15, ["drawn"])])
@@ -296,6 +328,7 @@ def run_table(table: ModuleType, monkeypatch: pytest.MonkeyPatch, *arguments: ob
     table.main()
 
 
+@pytest.mark.slow
 def test_the_script_writes_what_it_measured(
     table: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -315,10 +348,10 @@ def test_the_script_writes_what_it_measured(
     assert data["options"]["draws"] == 1000
     assert data["columns"]["p"]["goal"] == 2e-6
     assert data["device"]
-    assert "| shapes: odd sizes | holds | " in (tmp_path / "stability.md").read_text()
-    assert {p.name for p in tmp_path.iterdir()} == {f"stability.{s}" for s in ("csv", "json", "md", "png")}
+    assert {p.name for p in tmp_path.iterdir()} == {f"stability.{s}" for s in ("csv", "json", "png")}
 
 
+@pytest.mark.slow
 def test_a_case_that_fails_fails_the_script(
     table: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -340,8 +373,8 @@ def test_an_unknown_device_is_one_line(script: Script, tmp_path: Path) -> None:
 
 
 @contextmanager
-def started() -> Iterator[peer_mitsuba_distribution.Mitsuba]:
-    if not peer_mitsuba.installed():
+def started() -> Iterator[peer_mitsuba_distribution.MitsubaSamplers]:
+    if not mitsuba_process.installed():
         pytest.skip(f"needs Mitsuba: {peers.INSTALL}")
     with ExitStack() as stack:
         try:
@@ -354,14 +387,15 @@ def started() -> Iterator[peer_mitsuba_distribution.Mitsuba]:
 
 
 @pytest.fixture(scope="module")
-def mitsuba() -> Iterator[peer_mitsuba_distribution.Mitsuba]:
+def mitsuba() -> Iterator[peer_mitsuba_distribution.MitsubaSamplers]:
     with started() as process:
         yield process
 
 
-def test_mitsuba_is_right_where_the_map_is_mild(mitsuba: peer_mitsuba_distribution.Mitsuba) -> None:
+@pytest.mark.peer
+def test_mitsuba_is_right_where_the_map_is_mild(mitsuba: peer_mitsuba_distribution.MitsubaSamplers) -> None:
     radiance = np.random.default_rng(3).uniform(1, 2, (9, 14, 3)).astype(np.float32)
-    figures = measure(mitsuba.sampler(radiance), Truth(radiance), DRAWS)
+    figures = measure_sampler(mitsuba.sampler(radiance), Truth(radiance), DRAWS)
     assert figures["p"] < 1e-4
     assert max(figures["sum"], figures["flux"]) < 1e-6
     assert figures["image"] < 1e-4
@@ -369,20 +403,18 @@ def test_mitsuba_is_right_where_the_map_is_mild(mitsuba: peer_mitsuba_distributi
     assert figures["zero"] == figures["nonfinite"] == 0
 
 
-def test_mitsuba_is_measured_not_judged(mitsuba: peer_mitsuba_distribution.Mitsuba) -> None:
+@pytest.mark.peer
+def test_mitsuba_is_measured_not_judged(mitsuba: peer_mitsuba_distribution.MitsubaSamplers) -> None:
     result = stability.run_peer(BY_NAME["log-normal noise, sigma 8"], "mitsuba", mitsuba.sampler, DRAWS)
     assert result.verdict == "measured"
     assert "p" in result.failures
 
 
+@pytest.mark.peer
 def test_a_mitsuba_that_crashes_costs_its_column_only() -> None:
     with started() as process:
-
-        def crash(radiance: np.ndarray) -> stability.Sampler:
-            process.call(os.abort)
-            raise AssertionError("survived")
-
+        os.kill(process._process._process.pid, signal.SIGABRT)
         for _ in range(2):
-            result = stability.run_peer(BY_NAME["odd sizes"], "mitsuba", crash, DRAWS)
+            result = stability.run_peer(BY_NAME["odd sizes"], "mitsuba", process.sampler, DRAWS)
             assert result.verdict == "skipped"
-            assert "process ended" in result.remark
+            assert "Mitsuba's process" in result.remark

@@ -57,6 +57,7 @@ def test_the_exact_image_meets_float64(grace: EnvironmentMap, target: np.ndarray
     np.testing.assert_allclose(target[y, x][some], expected, rtol=2e-6)
 
 
+@pytest.mark.slow
 def test_the_exact_image_of_areas_meets_quadrature(device: Device, grace: EnvironmentMap) -> None:
     areas = exact(device, grace, 127, pixels="areas")
     y, x = (index[::2500] for index in np.nonzero(disc_mask(127)))

@@ -10,7 +10,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 from exr_bytes import Part, exr_file, planes
-from helpers import Script, fails_in_one_line
+from helpers import CHROMA_IS_HIDDEN, Script, fails_in_one_line
 from lightdome.errors import LightdomeError
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import ImageRows, read_image
@@ -19,7 +19,6 @@ HEIGHT, WIDTH = 4, 8
 MAP = np.random.default_rng(1).integers(1, 64, (HEIGHT, WIDTH, 3)).astype(np.float32) / 4  # exact in half
 OTHER = MAP[::-1] + 20
 GREY = MAP[..., 0]
-CHROMA_IS_HIDDEN = oiio.VERSION < 30200  # by OpenImageIO, whose versions before say R, G, B and then fail
 
 
 def grey_of(plane: np.ndarray) -> np.ndarray:

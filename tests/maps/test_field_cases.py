@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import CHROMA_IS_HIDDEN
 from lightdome.errors import LightdomeError
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import ImageRows, read_image
-from test_exr import CHROMA_IS_HIDDEN
 
 FOLDER = Path(__file__).parent / "field_cases"
 READ = sorted(path.stem for path in FOLDER.glob("*.npy") if "chroma" not in path.stem)

@@ -11,13 +11,13 @@ import fuzz
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from helpers import Script, fails_in_one_line
+from helpers import CHROMA_IS_HIDDEN, Script, fails_in_one_line
 from lightdome.errors import LightdomeError
 from lightdome.maps.images import read_image
 from lightdome.sampling.samples import Samples
-from test_exr import CHROMA_IS_HIDDEN
 
 
+@pytest.mark.slow
 def test_damaged_files_are_read_or_refused(tmp_path: Path) -> None:
     counts, failures = fuzz.fuzz(400, 0, tmp_path / "failures")
     assert not failures, "\n".join(failures)
@@ -35,13 +35,14 @@ def test_the_files_are_valid_before_they_are_damaged(tmp_path: Path) -> None:
         assert refused[name] in verdict if name in refused else verdict == "read", verdict
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # casts that overflow
 def test_every_array_can_be_damaged_twice_and_stays_small() -> None:
     rng = np.random.default_rng(0)
     for _ in range(30):
         for name, array in fuzz.arrays().items():
             for mutation in fuzz.ARRAY_MUTATIONS:
-                result = mutation(rng, fuzz._other_type(rng, array))
+                result = mutation(rng, fuzz.other_type(rng, array))
                 content = result if isinstance(result, bytes) else fuzz.npy(result)
                 assert len(content) < 2**26, (name, mutation)
 
@@ -60,22 +61,24 @@ def test_every_array_can_be_damaged_twice_and_stays_small() -> None:
     ],
 )
 def test_a_reader_that_hangs_crashes_chatters_or_bloats_is_found(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, program: str, failure: str, seconds: float
+    tmp_path: Path, program: str, failure: str, seconds: float
 ) -> None:
-    monkeypatch.setattr(fuzz, "SECONDS", seconds)
     with (tmp_path / "errors").open("w") as errors:
         process = subprocess.Popen(
             [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True
         )
-        verdict = fuzz.Worker(process, tmp_path / "errors").read(tmp_path)
+        verdict = fuzz.Worker(process, tmp_path / "errors").read(tmp_path, seconds)
         process.communicate()
     assert verdict.startswith("failed")
     assert failure in verdict
 
 
-def test_what_is_left_on_disk_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fuzz.Worker, "read", lambda worker, path: path.with_suffix(".left").touch() or "read")
-    _, failures = fuzz.fuzz(1, 0, tmp_path / "failures")
+def test_what_is_left_on_disk_is_found(tmp_path: Path) -> None:
+    def leave(worker: fuzz.Worker, path: Path) -> str:
+        path.with_suffix(".left").touch()
+        return "read"
+
+    _, failures = fuzz.fuzz(1, 0, tmp_path / "failures", read=leave)
     assert "on disk" in failures[0]
     assert len(list((tmp_path / "failures").iterdir())) == 1
 

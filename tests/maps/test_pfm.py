@@ -67,7 +67,7 @@ def test_the_scale_multiplies_and_is_said(tmp_path: Path) -> None:
     [
         *((b"PF\n5 3\n%s\n" % scale + LITTLE, "bad scale") for scale in (b"0", b"-0.0", b"nan", b"-inf", b"1e99")),
         *((b"PF\n5 3\n%s\n" % scale + LITTLE, "bad scale") for scale in (b"1e-99", b"one", b"0x1", b"--1", b"1_0")),
-        (b"PF4\n5 3\n-1\n" + LITTLE, "claims 5 x 3 pixels"),
+        (b"PF4\n5 3\n-1\n" + LITTLE, "take 240 bytes"),
         (b"PF5\n5 3\n-1\n" + LITTLE, "PF5 is no kind"),
         (b"PFx\n5 3\n-1\n" + LITTLE, "PFx is no kind"),
         (b"PF\n-5 3\n-1\n" + LITTLE, "bad size -5 x 3"),

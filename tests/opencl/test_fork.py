@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 SET_UP = """
 import multiprocessing, os, sys
 from concurrent.futures import ProcessPoolExecutor

@@ -24,14 +24,8 @@ TEXT = """
 kernel void other(const int a) {}
 
 kernel void some(global const uint2 *restrict table,  // not, this, comma
-#ifdef MANY
-                 const uint count,
-#else
                  const float2 pair,
-#endif
-#ifndef PLAIN
                  const ulong cap,
-#endif
                  global arc *restrict arcs,
                  const float scale)
 {
@@ -40,25 +34,21 @@ kernel void some(global const uint2 *restrict table,  // not, this, comma
 UINT = Parameter("n", "uint", False, np.dtype(np.uint32), 1)
 
 
-def names(defines: set[str]) -> list[str]:
-    return [parameter.name for parameter in signature("folder/some", TEXT, defines).parameters]
-
-
-def test_a_signature_is_that_of_the_kernel_and_its_defines() -> None:
-    assert names(set()) == ["table", "pair", "cap", "arcs", "scale"]
-    assert names({"MANY", "PLAIN"}) == ["table", "count", "arcs", "scale"]
-    table, pair, cap, arcs, scale = signature("folder/some", TEXT, ()).parameters
+def test_a_signature_is_that_of_the_kernel() -> None:
+    found = signature("folder/some", TEXT).parameters
+    assert [parameter.name for parameter in found] == ["table", "pair", "cap", "arcs", "scale"]
+    table, pair, cap, arcs, scale = found
     assert (table.is_pointer, table.dtype, table.lanes) == (True, np.uint32, 2)
     assert (pair.is_pointer, pair.dtype, pair.lanes) == (False, np.float32, 2)
     assert (cap.dtype, scale.dtype) == (np.uint64, np.float32)
     assert (arcs.is_pointer, arcs.dtype) == (True, None)
-    assert signature("launch", "kernel void launch(void)\n{\n}", ()).parameters == ()
+    assert signature("launch", "kernel void launch(void)\n{\n}").parameters == ()
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "clkernels").glob("*/*.cl")), ids=lambda path: path.stem)
 def test_every_kernel_has_a_signature_that_is_understood(path: object) -> None:
     name = str(path.relative_to(ROOT / "clkernels").with_suffix(""))
-    assert signature(name, source(f"{name}.cl"), ()).kernel == name
+    assert signature(name, source(f"{name}.cl")).kernel == name
 
 
 @pytest.mark.parametrize(
@@ -72,11 +62,11 @@ def test_every_kernel_has_a_signature_that_is_understood(path: object) -> None:
 )
 def test_a_signature_that_is_not_understood_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match=r"no kernel of its name|not understood|unknown type"):
-        signature("some", text, ())
+        signature("some", text)
 
 
 def test_scalars_and_vectors_are_cast_to_the_types_of_the_signature(device: Device) -> None:
-    _, pair, cap, _, scale = signature("some", TEXT, ()).parameters
+    _, pair, cap, _, scale = signature("some", TEXT).parameters
     assert UINT.cast(np.int64(7)) == 7
     assert type(UINT.cast(7)) is np.uint32
     assert type(cap.cast(2**64 - 1)) is np.uint64

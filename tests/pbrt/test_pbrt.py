@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import LONG, PYTHON_PROGRAM, ROOT, fails_in_one_line
+from helpers import LONG, PYTHON_PROGRAM, command_line, fails_in_one_line
 from lightdome.disc import disc_mask
 from lightdome.errors import LightdomeError
 from lightdome.lighting.exact import exact as exact_image
@@ -22,7 +22,11 @@ from lightdome.pbrt.equal_area import equal_area_side, to_equal_area
 from lightdome.pbrt.run import Pbrt, find_pbrt, installed_port, render, render_scene
 from lightdome.pbrt.scenes import Scene, scene_text, write_scenes
 
-posix = pytest.mark.skipif(os.name != "posix", reason="the stand-ins for pbrt are executable scripts")
+
+def with_stand_ins(test):
+    """Mark a test that starts stand-ins for pbrt."""
+    needs_posix = pytest.mark.skipif(os.name != "posix", reason="the stand-ins for pbrt are executable scripts")
+    return pytest.mark.slow(needs_posix(test))
 
 
 def square_to_sphere(x: float, y: float) -> tuple[float, float, float]:
@@ -143,9 +147,12 @@ def test_pbrt_4_renders_as_many_samples_as_asked_for():
     assert 'Sampler "halton" "integer pixelsamples" [10]' in scene_text(4, 10)
 
 
-@pytest.mark.parametrize(("spp", "resolution", "albedo"), [(0, 8, 1), (1, 0, 1), (1, 8, 1.5), (1, 8, math.nan)])
-def test_a_scene_that_pbrt_cannot_render_is_refused(spp, resolution, albedo):
-    with pytest.raises(LightdomeError):
+@pytest.mark.parametrize(
+    ("spp", "resolution", "albedo", "words"),
+    [(0, 8, 1, "samples per pixel"), (1, 0, 1, "resolution"), (1, 8, 1.5, "albedo"), (1, 8, math.nan, "albedo")],
+)
+def test_a_scene_that_pbrt_cannot_render_is_refused(spp, resolution, albedo, words):
+    with pytest.raises(LightdomeError, match=words):
         scene_text(4, spp, resolution, albedo)
 
 
@@ -201,14 +208,14 @@ def scene(tmp_path) -> Scene:
     return Scene(path, 4, 2, 9)
 
 
-@posix
+@with_stand_ins
 @pytest.mark.parametrize("folder", [True, False])
 def test_a_program_is_found_by_its_file_or_folder(tmp_path, folder):
     program = stand_in(tmp_path, ANSWER)
     assert find_pbrt(tmp_path if folder else program) == Pbrt(program, 4)
 
 
-@posix
+@with_stand_ins
 def test_a_program_is_found_on_path_else_where_it_was_installed(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
@@ -225,7 +232,7 @@ def test_a_program_is_found_on_path_else_where_it_was_installed(tmp_path, monkey
     assert find_pbrt().path == tmp_path / "pbrt"
 
 
-@posix
+@with_stand_ins
 @pytest.mark.parametrize(
     ("body", "message"),
     [
@@ -242,7 +249,7 @@ def test_a_program_that_is_no_known_pbrt_is_refused(tmp_path, body, message):
         find_pbrt(stand_in(tmp_path, "import sys\n" + body), timeout=0.5 if "sleep" in body else LONG)
 
 
-@posix
+@with_stand_ins
 def test_a_path_without_a_program_is_refused(tmp_path):
     with pytest.raises(LightdomeError, match="there is no"):
         find_pbrt(tmp_path / "pbrt")
@@ -257,7 +264,7 @@ def test_a_path_without_a_program_is_refused(tmp_path):
         find_pbrt(plain)
 
 
-@posix
+@with_stand_ins
 @pytest.mark.parametrize(
     ("body", "message"),
     [
@@ -278,7 +285,7 @@ def test_a_run_that_fails_says_how_in_one_line(tmp_path, scene, body, message):
     assert "\n" not in str(caught.value)
 
 
-@posix
+@with_stand_ins
 def test_nothing_that_a_stopped_program_started_lives_on(tmp_path, scene):
     os.mkfifo(tmp_path / "pipe")
     program = tmp_path / "wrapper"
@@ -294,7 +301,7 @@ def test_nothing_that_a_stopped_program_started_lives_on(tmp_path, scene):
 COPY = ANSWER + "import shutil; shutil.copy(IMAGE, sys.argv[sys.argv.index('--outfile') + 1])\n"
 
 
-@posix
+@with_stand_ins
 def test_an_image_is_masked_and_scaled(tmp_path, scene):
     write_image(tmp_path / "image.exr", np.full((9, 9, 3), 3, np.float32))
     program = Pbrt(stand_in(tmp_path, COPY.replace("IMAGE", repr(str(tmp_path / "image.exr")))), 4)
@@ -308,7 +315,7 @@ def test_an_image_is_masked_and_scaled(tmp_path, scene):
         render_scene(program, Scene(scene.path, 4, 2, 9, exponent=127))
 
 
-@posix
+@with_stand_ins
 def test_part_4_with_pbrt_needs_no_opencl(tmp_path, script):
     write_image(tmp_path / "image.exr", np.full((9, 9, 3), 3, np.float32))
     program = stand_in(tmp_path, COPY.replace("IMAGE", repr(str(tmp_path / "image.exr"))))
@@ -418,7 +425,7 @@ def test_the_real_pbrt_without_its_map_leaves_no_image(tmp_path, program, kept):
         render_scene(program, scenes[0], LONG)
 
 
-@posix
+@with_stand_ins
 @pytest.mark.parametrize(
     "line",
     [
@@ -439,7 +446,7 @@ def test_an_error_counts_though_the_program_ends_well(tmp_path, scene, line):
     assert line in str(caught.value)
 
 
-@posix
+@with_stand_ins
 def test_warnings_are_shown(tmp_path, scene, caplog):
     write_image(tmp_path / "image.exr", np.ones((9, 9, 3), np.float32))
     body = COPY.replace("IMAGE", repr(str(tmp_path / "image.exr")))
@@ -449,7 +456,7 @@ def test_warnings_are_shown(tmp_path, scene, caplog):
     assert caplog.messages == [f"note: PBRT-v4 says: {line}" for line in (lines[0], lines[2])]
 
 
-@posix
+@with_stand_ins
 def test_a_program_that_is_not_executable_is_named(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     plain = tmp_path / "pbrt"
@@ -463,7 +470,7 @@ def test_a_program_that_is_not_executable_is_named(tmp_path, monkeypatch):
     assert find_pbrt().path == port
 
 
-@posix
+@with_stand_ins
 def test_rs_pbrt_is_refused_wherever_it_is_found(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
@@ -496,23 +503,21 @@ def slow_stand_in(folder: Path, bar: str, end: str) -> Pbrt:
     return Pbrt(stand_in(folder, body), 4, "pbrt-r4 4.5.2" if bar == "port" else None)
 
 
-@posix
+@with_stand_ins
 @pytest.mark.parametrize("bar", BARS)
-def test_a_render_is_given_up_once_it_stands_still(tmp_path, scene, monkeypatch, bar):
-    monkeypatch.setattr("lightdome.pbrt.run.STILL", 0.3)
+def test_a_render_is_given_up_once_it_stands_still(tmp_path, scene, bar):
     with pytest.raises(LightdomeError, match=r"was stopped: 2 spp showed no progress for \d+ s; try the scene"):
-        render_scene(slow_stand_in(tmp_path, bar, "time.sleep(60)"), scene)
+        render_scene(slow_stand_in(tmp_path, bar, "time.sleep(60)"), scene, _still=0.3)
 
 
-@posix
+@with_stand_ins
 @pytest.mark.parametrize("bar", ["PBRT", "port"])
-def test_a_render_whose_bar_moves_goes_on(tmp_path, scene, monkeypatch, bar):
-    monkeypatch.setattr("lightdome.pbrt.run.STILL", 0.5)
+def test_a_render_whose_bar_moves_goes_on(tmp_path, scene, bar):
     with pytest.raises(LightdomeError, match=r"failed with exit status 3; it said: nothing; try the scene"):
-        render_scene(slow_stand_in(tmp_path, bar, "sys.exit(3)"), scene)
+        render_scene(slow_stand_in(tmp_path, bar, "sys.exit(3)"), scene, _still=0.5)
 
 
-@posix
+@with_stand_ins
 def test_a_closed_terminal_ends_pbrt_too(tmp_path):
     """SIGHUP, for which nothing else would stop a program in a session of its own."""
     os.mkfifo(tmp_path / "pipe")
@@ -520,15 +525,8 @@ def test_a_closed_terminal_ends_pbrt_too(tmp_path):
     write_image(tmp_path / "map.exr", np.ones((4, 8, 3), np.float32))
     temporary = tmp_path / "temporary"
     temporary.mkdir()
-    command = [
-        sys.executable,
-        str(ROOT / "scripts" / "part4_pbrt.py"),
-        "--map",
-        str(tmp_path / "map.exr"),
-        "--spp",
-        "1",
-    ]
-    command += ["--resolution", "9", "--pbrt", str(stand_in(tmp_path, hangs)), "--out", str(tmp_path / "out")]
+    options = ("--spp", 1, "--resolution", 9, "--pbrt", stand_in(tmp_path, hangs), "--out", tmp_path / "out")
+    command = command_line("part4_pbrt", "--map", tmp_path / "map.exr", *options)
     process = subprocess.Popen(command, env={**os.environ, "TMPDIR": str(temporary)}, stdout=subprocess.DEVNULL)
     with (tmp_path / "pipe").open() as pipe:  # opens once the program runs
         process.send_signal(signal.SIGHUP)
@@ -556,7 +554,7 @@ def test_an_image_of_another_scene_is_told(device, stiff, resolution):
         deviation(noisy[1:], stiff)
 
 
-@posix
+@with_stand_ins
 def test_part_4_tells_of_a_wrong_image_and_of_no_cargo(tmp_path, script):
     write_image(tmp_path / "image.exr", np.full((33, 33, 3), 3, np.float32))
     program = stand_in(tmp_path, COPY.replace("IMAGE", repr(str(tmp_path / "image.exr"))))
@@ -569,7 +567,7 @@ def test_part_4_tells_of_a_wrong_image_and_of_no_cargo(tmp_path, script):
     fails_in_one_line(script("get_pbrt", **empty), "no cargo on PATH")
 
 
-@posix
+@with_stand_ins
 def test_get_pbrt_has_cargo_install_the_port_where_part_4_finds_it(tmp_path, script):
     """Cargo fails the first time, then installs in the place of an older one; the third time nothing is left to do."""
     body = f"""import sys, pathlib

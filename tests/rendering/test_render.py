@@ -117,6 +117,7 @@ def test_a_hard_map_is_unbiased_too(distribution: Distribution, target: np.ndarr
     assert np.abs(z).max() < 6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", ALL, ids=NAMES)
 def test_the_error_falls_as_one_over_the_root_of_spp(small: Distribution, options: dict[str, object]) -> None:
     expected = limit(small.envmap.radiance, str(options["estimator"]))
@@ -128,6 +129,7 @@ def test_the_error_falls_as_one_over_the_root_of_spp(small: Distribution, option
         assert errors[spp] / errors[4 * spp] == pytest.approx(2, rel=0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", ALL, ids=NAMES)
 def test_with_sobol_points_it_falls_faster(device: Device, options: dict[str, object]) -> None:
     theta, phi = reference.angles(32, 64)
@@ -143,6 +145,7 @@ def test_with_sobol_points_it_falls_faster(device: Device, options: dict[str, ob
     assert error(256, "sobol") < 0.4 * error(256, "independent")
 
 
+@pytest.mark.slow
 def test_mis_is_not_much_worse_than_the_better_of_both(device: Device, distribution: Distribution) -> None:
     def errors(distribution: Distribution) -> list[float]:
         result = []
@@ -189,6 +192,7 @@ def test_pixels_that_see_no_light_are_black(device: Device, resolution: int, lit
     np.testing.assert_allclose(image, expected, rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_cells_and_tiles_of_many_pixels_leave_nothing_out(device: Device) -> None:
     # A band of light, so that many normals see only a part of a cell; cells are 5 x 4 pixels, tiles 4 x 4.
     radiance = np.full((100, 300, 3), 1e-6, np.float32)
@@ -376,6 +380,7 @@ def test_the_last_rows_and_columns_of_any_map_send_their_light(
         np.testing.assert_allclose(sums, truth, rtol=0.05 if options["estimator"] == "bsdf" else 3e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_thousands_of_launches_lose_no_digits(device: Device, small: Distribution, estimator: str) -> None:
     few = build_distribution(with_small_launches(device), small.envmap)

@@ -14,11 +14,11 @@ from lightdome.evaluation.stability import chi_square_z
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.opencl import memory
 from lightdome.opencl.device import Device
-from lightdome.sampling import draw as draw_module
 from lightdome.sampling import guide as guide_module
 from lightdome.sampling.cdf import build_row_cdfs
 from lightdome.sampling.device_map import DeviceMap
-from lightdome.sampling.distribution import build_distribution
+from lightdome.sampling.distribution import Distribution, build_distribution
+from lightdome.sampling.draw import is_guided
 from lightdome.sampling.samples import SEQUENCES, Samples
 
 SHAPES = [(1, 1), (1, 40), (40, 1), (2, 2), (15, 31), (16, 32), (17, 33), (64, 100)]
@@ -185,47 +185,52 @@ def test_a_bright_pixel_does_not_spoil_its_neighbours(device: Device) -> None:
     np.testing.assert_allclose(samples.probability, reference.probability(radiance)[y, x], rtol=1e-6)
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (3, 1), (21, 43), (5, 300), (64, 128)])
-def test_guided_searches_end_where_plain_ones_do(
-    device: Device, shape: tuple[int, int], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def too_few(distribution: Distribution) -> int:
+    """How many samples at most are drawn without guide tables; more are drawn with them."""
+    of_map = distribution.map
+    count = math.ceil(of_map.width * of_map.height / 8) - 1
+    assert is_guided(count + 1, of_map)
+    assert not is_guided(count, of_map)
+    return count
+
+
+@pytest.mark.parametrize("shape", [(1, 9), (9, 1), (21, 43), (5, 300), (64, 128)])
+def test_guided_searches_end_where_plain_ones_do(device: Device, shape: tuple[int, int]) -> None:
     distribution = build_distribution(device, EnvironmentMap(stiff_radiance(*shape) + np.float32(1e-30)))
     cdf = memory.download(device, distribution.cdf.rows).astype(np.float64)
     edges = (cdf[shape[0] // 2] / cdf[shape[0] // 2, -1])[:-1]
     ends = np.concatenate([edges, edges - 2.0**-32, edges + 2.0**-32, [0, 1 - 2.0**-32]]).clip(0, 1 - 2.0**-32)
-    points = np.random.default_rng(0).random((5000, 2))
+    few = too_few(distribution)
+    points = np.random.default_rng(0).random((min(100 * few, 5000), 2))
     points[: len(ends), 0] = ends
     points[: len(ends), 1] = (shape[0] // 2 + 0.5) / shape[0]
-    found = []
-    for guided_from in (0, np.inf):
-        monkeypatch.setattr(draw_module, "SAMPLES_A_PIXEL", guided_from)
-        samples = distribution.sample_at(points)
-        found.append((samples.pixel, samples.probability, samples.direction, samples.radiance))
-    for guided, plain in zip(*found, strict=True):
-        np.testing.assert_array_equal(guided, plain)
+    guided = distribution.sample_at(points)
+    for first in range(0, len(points), few):
+        some = slice(first, first + few)
+        plain = distribution.sample_at(points[some])
+        for name in ("pixel", "probability", "direction", "radiance"):
+            np.testing.assert_array_equal(getattr(guided, name)[some], getattr(plain, name))
 
 
-def test_a_point_on_a_step_within_a_bucket_finds_the_next_pixel(
-    device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_point_on_a_step_within_a_bucket_finds_the_next_pixel(device: Device) -> None:
     radiance = np.ones((1, 64, 3), np.float32)
     radiance[0, ::2] = 3  # steps at whole 128ths, every other one in the middle of a guide's bucket
     edges = np.cumsum(radiance[0, :, 0], dtype=np.float64)[:-1] / 128
     points = np.stack([np.concatenate([edges, edges - 2.0**-32]), np.zeros(126)], axis=1)
-    monkeypatch.setattr(draw_module, "SAMPLES_A_PIXEL", 0)
-    x = build_distribution(device, EnvironmentMap(radiance)).sample_at(points).pixel[:, 0]
+    envmap = EnvironmentMap(radiance)
+    distribution = build_distribution(device, envmap)
+    assert len(points) > too_few(distribution)
+    x = distribution.sample_at(points).pixel[:, 0]
     np.testing.assert_array_equal(x, np.concatenate([np.arange(1, 64), np.arange(63)]))
 
 
-@pytest.mark.parametrize("guided_from", [0, np.inf])
-def test_pixels_alone_are_those_of_samples(
-    device: Device, stiff: EnvironmentMap, guided_from: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(draw_module, "SAMPLES_A_PIXEL", guided_from)
+@pytest.mark.parametrize("guided", [True, False])
+def test_pixels_alone_are_those_of_samples(device: Device, stiff: EnvironmentMap, guided: bool) -> None:
     distribution = build_distribution(device, stiff)
+    count = 777 if guided else too_few(distribution)
     for sequence in SEQUENCES:
-        samples = distribution.sample(777, 5, sequence)
-        pixel, probability = distribution.sample_pixels(777, 5, sequence)
+        samples = distribution.sample(count, 5, sequence)
+        pixel, probability = distribution.sample_pixels(count, 5, sequence)
         np.testing.assert_array_equal(pixel, samples.pixel)
         np.testing.assert_array_equal(probability, samples.probability)
 
@@ -238,13 +243,10 @@ def test_large_maps_have_fewer_buckets(device: Device, stiff: EnvironmentMap, mo
     assert distribution.cdf.guide.rows.shape[1] <= 2 * 300 / stiff.height
 
 
-def test_maps_wider_than_16_bits_are_guided_too(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    envmap = EnvironmentMap(stiff_radiance(3, 70000))
-    found = []
-    for guided_from in (0, np.inf):
-        monkeypatch.setattr(draw_module, "SAMPLES_A_PIXEL", guided_from)
-        found.append(build_distribution(device, envmap).sample(10_000).pixel)
-    np.testing.assert_array_equal(*found)
+def test_maps_wider_than_16_bits_are_guided_too(device: Device) -> None:
+    distribution = build_distribution(device, EnvironmentMap(stiff_radiance(3, 70000)))
+    few = too_few(distribution)
+    np.testing.assert_array_equal(distribution.sample(few + 1).pixel[:few], distribution.sample(few).pixel)
 
 
 def test_mistakes_are_told(device: Device, stiff: EnvironmentMap) -> None:

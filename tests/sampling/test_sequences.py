@@ -26,14 +26,21 @@ def cells(distribution: Distribution, count: int, sequence: str, seed: int, colu
     return np.bincount(y * rows // N * columns + x * columns // N, minlength=columns * rows)
 
 
+WHOLE = ((0, 1), (0, 1))
+
+
 @pytest.mark.parametrize("sequence", SEQUENCES)
 def test_every_point_is_uniform_over_the_seeds(square: Distribution, sequence: str) -> None:
-    index = np.array([square.sample(5, seed, sequence).pixel[[0, 4]] for seed in range(800)])
-    for values in (index[:, 0, 0], index[:, 1, 0], index[:, 0, 1], index[:, 1, 1]):
-        if sequence == "stratified":
-            continue  # its points have cells of their own; their union is uniform, below
-        seen = np.bincount(values // 8, minlength=8)
-        assert ((seen - 100) ** 2 / 100).sum() < 30
+    pixel = np.array([square.sample(5, seed, sequence).pixel[[0, 4]] for seed in range(800)])
+    # Where the first and the last of five points may lie, across and down: stratified has strips of three and two.
+    cells_of = [((0, 1 / 3), (0, 3 / 5)), ((1 / 2, 1), (3 / 5, 1))] if sequence == "stratified" else [WHOLE, WHOLE]
+    edges = np.arange(9) / 8
+    for point, cell in enumerate(cells_of):
+        for axis, (low, high) in enumerate(cell):
+            seen = np.bincount(pixel[:, point, axis] // 8, minlength=8)
+            expected = 800 * np.diff(edges.clip(low, high)) / (high - low)
+            assert not seen[expected == 0].any()
+            assert ((seen - expected)[expected > 0] ** 2 / expected[expected > 0]).sum() < 30
     total = sum(cells(square, 7, sequence, seed, 4, 4) for seed in range(400))
     assert ((total - 175) ** 2 / 175).sum() < 45
 

@@ -13,7 +13,8 @@ import fuzz
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from helpers import ROOT, Script, fails_in_one_line, stiff_radiance
+from helpers import CHROMA_IS_HIDDEN, ROOT, Script, command_line, fails_in_one_line, stiff_radiance
+from image_bytes import IMAGE, hdr, pfm
 from lightdome.errors import LightdomeError
 from lightdome.maps.envmap import EnvironmentMap, Replaced
 from lightdome.maps.images import ImageRows, read_image, write_image
@@ -21,13 +22,11 @@ from lightdome.opencl.device import Device
 from lightdome.sampling.distribution import build_distribution
 from lightdome.sampling.samples import SEQUENCES, Samples
 from lightdome.sampling.streaming import sample_file
-from test_exr import CHROMA_IS_HIDDEN
-from test_images import IMAGE, hdr, pfm
 
 
 def shifted_exr(path: Path, radiance: np.ndarray, x: int, y: int, tile: int) -> Path:
     """An EXR whose windows begin at (x, y)."""
-    spec = fuzz._spec(radiance, "none", oiio.FLOAT, tile)
+    spec = fuzz.image_spec(radiance, "none", oiio.FLOAT, tile)
     spec.x, spec.y, spec.full_x, spec.full_y = x, y, x, y
     file = oiio.ImageOutput.create(str(path))
     assert file.open(str(path), spec), file.geterror()
@@ -250,6 +249,7 @@ def sparse_pfm(path: Path, height: int, width: int) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "wait4"), reason="needs the peak memory of a process")
 def test_memory_is_for_bands_and_not_for_the_map(tmp_path: Path) -> None:
     path = sparse_pfm(tmp_path / "large.pfm", 4096, 8192)  # 384 MiB
@@ -262,7 +262,7 @@ def test_memory_is_for_bands_and_not_for_the_map(tmp_path: Path) -> None:
 
     def peak(*arguments: str | Path) -> float:
         """MiB."""
-        command = [sys.executable, str(ROOT / "scripts" / "part2_sample.py"), "--samples-only", *map(str, arguments)]
+        command = command_line("part2_sample", "--samples-only", *arguments)
         return int(subprocess.check_output([sys.executable, "-c", small, *command], text=True)) / 1024
 
     tiny = peak("--map", sparse_pfm(tmp_path / "tiny.pfm", 8, 16), "--out", tmp_path)  # Python and an OpenCL
@@ -291,6 +291,7 @@ def test_a_map_that_is_too_large_is_refused_with_the_option_that_helps(script: S
     assert not list((tmp_path / "out").iterdir())
 
 
+@pytest.mark.slow
 def test_points_on_the_steps_between_rows_find_the_rows_of_the_map_in_memory(device: Device, tmp_path: Path) -> None:
     # So many rows and samples that some dozen points lie on a step exactly.
     write_image(tmp_path / "map.pfm", np.ones((2**16, 1, 3), np.float32))

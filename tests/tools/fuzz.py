@@ -105,7 +105,7 @@ def by_hand(radiance: np.ndarray) -> dict[str, bytes]:
     }
 
 
-def _spec(pixels: np.ndarray, compression: str = "zip", kind: object = oiio.HALF, tile: int = 0) -> oiio.ImageSpec:
+def image_spec(pixels: np.ndarray, compression: str = "zip", kind: object = oiio.HALF, tile: int = 0) -> oiio.ImageSpec:
     height, width, channels = pixels.shape
     spec = oiio.ImageSpec(width, height, channels, kind)
     spec.attribute("compression", compression)
@@ -120,14 +120,14 @@ def _written(
     path: Path, pixels: np.ndarray, compression: str = "zip", kind: object = oiio.HALF, tile: int = 0
 ) -> bytes:
     file = oiio.ImageOutput.create(str(path))
-    done = file.open(str(path), _spec(pixels, compression, kind, tile)) and file.write_image(pixels)
+    done = file.open(str(path), image_spec(pixels, compression, kind, tile)) and file.write_image(pixels)
     file.close()
     assert done, file.geterror()
     return path.read_bytes()
 
 
 def _two_parts(path: Path, pixels: np.ndarray) -> bytes:
-    specs = (_spec(pixels), _spec(pixels, "piz", oiio.FLOAT))
+    specs = (image_spec(pixels), image_spec(pixels, "piz", oiio.FLOAT))
     for name, spec in zip(("beauty", "right"), specs, strict=True):
         spec.attribute("oiio:subimagename", name)
     file = oiio.ImageOutput.create(str(path))
@@ -271,7 +271,7 @@ def lie_in_arrays(rng: np.random.Generator, _: bytes) -> bytes:
     return content if rng.random() < 0.7 else flip_bits(rng, content)
 
 
-def _other_type(rng: np.random.Generator, array: np.ndarray) -> np.ndarray:
+def other_type(rng: np.random.Generator, array: np.ndarray) -> np.ndarray:
     types = ("?", "i1", "u1", ">i4", "i8", "u8", "f2", ">f4", "f8", "g", "c16", "S7", "U7", "U300", "O", "M8[s]", "V8")
     try:
         return array.astype(str(rng.choice(types)))
@@ -334,7 +334,7 @@ def bomb(rng: np.random.Generator, array: np.ndarray) -> bytes:
     return header.getvalue() + bytes(int(np.prod(shape)) * array.dtype.itemsize)
 
 
-ARRAY_MUTATIONS = (_other_type, _other_shape, _other_value, _wrong_code_point, _other_header, bomb)
+ARRAY_MUTATIONS = (other_type, _other_shape, _other_value, _wrong_code_point, _other_header, bomb)
 MUTATIONS: tuple[Mutation, ...] = (flip_bits, overwrite, truncate, insert, delete, fill)
 FORMAT_MUTATIONS: dict[str, Mutation] = {
     ".pfm": lie_in_text,
@@ -443,25 +443,25 @@ class Worker:
     process: subprocess.Popen[str]
     errors: Path
 
-    def read(self, path: Path) -> str:
-        """What became of one file: ``read``, ``refused: ...`` or ``failed: ...``."""
+    def read(self, path: Path, seconds: float = SECONDS) -> str:
+        """What became of one file within ``seconds``: ``read``, ``refused: ...`` or ``failed: ...``."""
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         print(path, file=self.process.stdin, flush=True)
-        if not select.select([self.process.stdout], [], [], SECONDS)[0]:
+        if not select.select([self.process.stdout], [], [], seconds)[0]:
             self.process.kill()
             self.process.wait()
-            return f"failed: not done after {SECONDS:g} s"
+            return f"failed: not done after {seconds:g} s"
         answer = self.process.stdout.readline()
         if not answer:
             return f"failed: ended with status {self.process.wait()}"
-        seconds, mebibytes, verdict = json.loads(answer)
+        took, mebibytes, verdict = json.loads(answer)
         if self.errors.stat().st_size:
             said = self.errors.read_text(errors="replace")
             self.errors.write_text("")
             return f"failed: printed {said[:300]!r}, then {verdict}"
         if mebibytes > MEBIBYTES:
-            return f"failed: took {mebibytes:.0f} MiB and {seconds:.1f} s, then {verdict}"
+            return f"failed: took {mebibytes:.0f} MiB and {took:.1f} s, then {verdict}"
         return str(verdict)
 
 
@@ -486,8 +486,10 @@ def worker(folder: Path) -> Iterator[Worker]:
             process.communicate()
 
 
-def fuzz(count: int, seed: int, keep: Path, first: int = 0) -> tuple[Counter[str], list[str]]:
-    """Read ``count`` mutants of ``seed``: how many were read or refused by suffix, and the failures.
+def fuzz(
+    count: int, seed: int, keep: Path, first: int = 0, read: Callable[[Worker, Path], str] = Worker.read
+) -> tuple[Counter[str], list[str]]:
+    """``read`` ``count`` mutants of ``seed``: how many were read or refused by suffix, and the failures.
 
     The files that failed are kept in ``keep``, which is made when there is one.
     """
@@ -502,7 +504,7 @@ def fuzz(count: int, seed: int, keep: Path, first: int = 0) -> tuple[Counter[str
                     suffix, content = mutant(files, seed, index)
                     path = Path(folder) / f"{seed}_{index}{suffix}"
                     path.write_bytes(content)
-                    verdict = reader.read(path)
+                    verdict = read(reader, path)
                     left = {p.name for p in Path(folder).iterdir()} - {path.name}
                     if left:
                         verdict = f"failed: left {sorted(left)} on disk, then {verdict}"

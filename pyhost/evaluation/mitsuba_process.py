@@ -1,0 +1,143 @@
+"""Mitsuba 3 in a process of its own: an object lives there, and its methods are called from here.
+
+A process of its own, because an LLVM that Dr.Jit takes may still abort: LLVM 15 and 16 lack what Dr.Jit's
+code needs on some processors.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import weakref
+from collections.abc import Callable
+from importlib.util import find_spec
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, Protocol
+
+from ..errors import LightdomeError
+from ..interrupts import Unheard
+
+MIN_LLVM = 17
+START_TIMEOUT = 120.0  # seconds
+INSTALL = "pip install 'lightdome[peers]'"
+
+
+def installed() -> bool:
+    """Whether the package ``mitsuba`` is there; imports nothing."""
+    return find_spec("mitsuba") is not None
+
+
+class Worker(Protocol):
+    """What lives in the process; ``about`` says what runs there, in JSON's types only."""
+
+    about: dict[str, object]
+
+
+class MitsubaProcess:
+    """A process that has made ``make(*arguments)``, a :class:`Worker`; ``about`` is the worker's.
+
+    Raises :class:`LightdomeError` where the worker cannot be made or the process ends. It ends with this object, or by
+    ``stop()``.
+    """
+
+    def __init__(self, make: Callable[..., Worker], *arguments: object) -> None:
+        # Not forked: a copy of OpenCL's threads and locks would be broken.
+        context = multiprocessing.get_context("spawn")
+        self._connection, theirs = context.Pipe()
+        self._process = context.Process(target=_work, args=(theirs,), daemon=True)
+        with Unheard():  # Ctrl-C goes to the whole group
+            self._process.start()
+        theirs.close()
+        self.stop = weakref.finalize(self, _stop, self._process, self._connection)
+        self.about: dict[str, object] = self._ask(make, arguments, START_TIMEOUT)
+
+    def call(self, method: str, *arguments: object, timeout: float) -> Any:
+        """What the worker's ``method`` returns for ``arguments``.
+
+        Raises :class:`LightdomeError` in one line where it raises anything, and where the process ends or does not
+        answer in ``timeout`` seconds, after which it answers no more.
+        """
+        return self._ask(method, arguments, timeout)
+
+    def _ask(self, what: object, arguments: tuple[object, ...], timeout: float) -> Any:
+        if not self.stop.alive:
+            raise LightdomeError("Mitsuba's process has ended")
+        with contextlib.suppress(OSError):  # a process that has just ended says why below
+            self._connection.send((what, arguments))
+        try:
+            if self._connection.poll(timeout):
+                answer, error = self._connection.recv()
+            else:
+                answer, error = None, f"Mitsuba did not answer in {timeout:.0f} s"
+                self.stop()
+        except (EOFError, OSError):
+            self._process.join(10)
+            code = self._process.exitcode
+            how = f"crashed (signal {-code})" if code is not None and code < 0 else f"ended with exit status {code}"
+            answer, error = None, f"Mitsuba's process {how}; its LLVM may not fit this machine"
+            self.stop()
+        if error:
+            raise LightdomeError(error)
+        return answer
+
+
+def _stop(process: multiprocessing.process.BaseProcess, connection: Connection) -> None:
+    connection.close()
+    process.kill()
+    process.join(10)
+
+
+# ---- in the process ----
+
+
+def _work(connection: Connection) -> None:
+    """Make the worker and say what runs, then do what is asked: each answer is (result, error)."""
+    # Dr.Jit and LLVM complain over many lines where a text says what is wrong.
+    with Path(os.devnull).open("wb") as nowhere:
+        os.dup2(nowhere.fileno(), 1)
+        os.dup2(nowhere.fileno(), 2)
+    try:
+        make, arguments = connection.recv()
+        try:
+            worker = make(*arguments)
+        except Exception as error:
+            connection.send((None, _line(error)))
+            return
+        connection.send((worker.about, ""))
+        while True:
+            method, arguments = connection.recv()
+            try:
+                answer = getattr(worker, method)(*arguments), ""
+            except Exception as error:
+                answer = None, _line(error)
+            connection.send(answer)
+    except (EOFError, OSError):
+        return  # the other side has gone
+
+
+def _line(error: Exception) -> str:
+    return (str(error) if isinstance(error, LightdomeError) else f"{type(error).__name__}: {error}").splitlines()[0]
+
+
+def use_variant(variant: str) -> dict[str, object]:
+    """Set Mitsuba's ``variant``, quietly; the versions of Mitsuba and, for one that needs it, of LLVM.
+
+    Raises :class:`LightdomeError` where a variant needs an LLVM of version 17 or newer, and there is none.
+    """
+    import drjit
+    import mitsuba
+
+    about: dict[str, object] = {"mitsuba": mitsuba.__version__}
+    if variant.startswith("llvm"):
+        advice = "set DRJIT_LIBLLVM_PATH to its libLLVM.so"
+        if not drjit.has_backend(drjit.JitBackend.LLVM):
+            raise LightdomeError(f"needs LLVM {MIN_LLVM} or newer; {advice}")
+        found = drjit.detail.llvm_version()
+        about["llvm"] = ".".join(map(str, found))
+        if found[0] < MIN_LLVM:
+            raise LightdomeError(f"needs LLVM {MIN_LLVM} or newer and found {about['llvm']}; {advice}")
+    mitsuba.set_variant(variant)
+    mitsuba.set_log_level(mitsuba.LogLevel.Error)
+    return about

@@ -1,0 +1,11 @@
+#!/usr/bin/env python3
+"""Roofline: what the machine can do at most, and each stage's share of it, at all sizes."""
+
+import os
+import sys
+
+sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))  # noqa: PTH120 - missing under PYTHONSAFEPATH
+import _start
+
+if __name__ == "__main__":
+    _start.command("roofline")
