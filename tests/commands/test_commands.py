@@ -38,7 +38,7 @@ def test_each_count_is_explained_by_itself(script: Script, small_map: Path, tmp_
     assert said(result, "4 samples") == {"left out: guide tables"}
     assert said(result, "1000 samples") == {"used: guide tables"}
     assert "left out: scaling of weights" in said(result, "the map")
-    assert "built 4 of" in result.stdout  # one of them, sample, with guide tables and without
+    assert "built 5 of" in result.stdout  # sample and sample_guided among them
 
     files = [tmp_path / f"samples_{n}.npz" for n in (1000, 4)]
     result = script("part3_shade", *files, "--resolution", 40, "--explain", "--out", tmp_path / "three")
