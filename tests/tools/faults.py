@@ -179,8 +179,8 @@ FAULTS: list[Fault] = [
     kernel(
         "sobol per pixel: both axes by one key",
         "sequence.clh",
-        "scramble_y[k] = words.y[k];",
-        "scramble_y[k] = words.x[k];",
+        "scramble_down[k] = words.y[k];",
+        "scramble_down[k] = words.x[k];",
         "a copied line",
     ),
     kernel(
