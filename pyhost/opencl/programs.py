@@ -99,6 +99,7 @@ class Programs:
         self._context = context
         self._defines = defines
         self._kernels: dict[tuple[str, tuple[tuple[str, int], ...]], Kernel] = {}
+        self._parameters: dict[str, frozenset[str]] = {}
         self._process = os.getpid()
 
     @property
@@ -121,9 +122,12 @@ class Programs:
         """What the kernel ``name`` is compiled from: ``clkernels/name.cl`` with all its headers."""
         return source(f"{name}.cl")
 
-    def parameters(self, name: str) -> set[str]:
+    def parameters(self, name: str) -> frozenset[str]:
         """The names of the arguments of the kernel ``name``."""
-        return {parameter.name for parameter in signature(name, self.text(name)).parameters}
+        if name not in self._parameters:
+            found = signature(name, self.text(name))
+            self._parameters[name] = frozenset(parameter.name for parameter in found.parameters)
+        return self._parameters[name]
 
     def check_process(self) -> None:
         """Raise :class:`LightdomeError` in a process that was forked from the one that opened the device."""
