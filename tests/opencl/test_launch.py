@@ -138,6 +138,31 @@ def test_steps_cover_every_work_item_once(device: Device, step: int | None) -> N
     np.testing.assert_array_equal(memory.download(device, weight), expected)
 
 
+@pytest.mark.parametrize(
+    ("size", "options", "message"),
+    [
+        ((0,), {}, "a size of at least one work-item, got (0,)"),
+        ((4, 0), {}, "a size of at least one work-item, got (4, 0)"),
+        ((), {}, "a size of at least one work-item, got ()"),
+        ((4,), {"step": 0}, "a step of at least one work-item, got 0"),
+        ((4, 4), {"group": 2}, "groups need one dimension"),
+        ((4,), {"group": 0}, "groups need one dimension and a positive number"),
+        ((8,), {"group": 4, "step": 6}, "the step must be a multiple of the group, 4, got 6"),
+    ],
+)
+def test_a_size_that_cannot_be_launched_is_a_defect(
+    device: Device, size: tuple[int, ...], options: dict[str, int], message: str
+) -> None:
+    with pytest.raises(ValueError, match=rf"limits/launch.*{re.escape(message)}"):
+        device.launch("limits/launch", size, **options)
+
+
+@pytest.mark.parametrize("step", [None, 4, 8])
+def test_groups_are_filled_up(device: Device, step: int | None) -> None:
+    device.launch("limits/launch", (6,), group=4, step=step)
+    device.wait()
+
+
 def test_what_a_kernel_works_on_stays_until_it_is_done(device: Device) -> None:
     gate = cl.UserEvent(device.context)
     device.wait()
