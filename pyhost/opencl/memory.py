@@ -25,6 +25,7 @@ class DeviceArray:
     shape: tuple[int, ...]
     dtype: np.dtype
     host: np.ndarray | None  # the memory itself, where host and device share it
+    is_read_only: bool = False  # uploaded: a kernel that wrote to it would write to the caller's own array
 
 
 def upload(device: Device, array: np.ndarray, stage: str = "upload") -> DeviceArray:
@@ -36,11 +37,11 @@ def upload(device: Device, array: np.ndarray, stage: str = "upload") -> DeviceAr
     flags = cl.mem_flags.READ_ONLY
     if device.shares_host_memory:
         device.decisions.skip("copies between host and device", "it works on the host's memory")
-        return DeviceArray(_buffer(device, flags, array.nbytes, array), array.shape, array.dtype, array)
+        return DeviceArray(_buffer(device, flags, array.nbytes, array), array.shape, array.dtype, array, True)
     device.decisions.use("copies between host and device", "the device has a memory of its own")
     buffer = _buffer(device, flags, array.nbytes, None)
     device.profile.record(stage, cl.enqueue_copy(device.queue, buffer, array, is_blocking=False))
-    return DeviceArray(buffer, array.shape, array.dtype, None)
+    return DeviceArray(buffer, array.shape, array.dtype, None, True)
 
 
 def empty(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceArray:

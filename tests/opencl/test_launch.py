@@ -42,6 +42,7 @@ def test_a_signature_is_that_of_the_kernel() -> None:
     assert (pair.is_pointer, pair.dtype, pair.lanes) == (False, np.float32, 2)
     assert (cap.dtype, scale.dtype) == (np.uint64, np.float32)
     assert (arcs.is_pointer, arcs.dtype) == (True, None)
+    assert [parameter.is_writable for parameter in found] == [False, False, False, True, False]
     assert signature("launch", "kernel void launch(void)\n{\n}").parameters == ()
 
 
@@ -56,12 +57,13 @@ def test_every_kernel_has_a_signature_that_is_understood(path: object) -> None:
     [
         "kernel void other(void)",
         "kernel void some(half_open x)",
+        "kernel void some(const float3 x)",
         "kernel void some(uint)",
         "kernel void some(\n#if A\n)",
     ],
 )
 def test_a_signature_that_is_not_understood_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match=r"no kernel of its name|not understood|unknown type"):
+    with pytest.raises(ValueError, match=r"no kernel of its name|not understood|unknown type|has 3 lanes"):
         signature("some", text)
 
 
@@ -110,6 +112,32 @@ def test_an_array_of_another_type_is_refused(device: Device) -> None:
     table, floats = memory.zeros(device, 4, np.uint32), memory.zeros(device, 4, np.float32)
     with pytest.raises(TypeError, match="'cdf' must hold uint32, got float32"):
         device.launch("sampling/guide", (1,), cdf=floats, n=4, shift=31, guide=table, total=table)
+
+
+@pytest.mark.parametrize(
+    ("declaration", "is_writable"),
+    [
+        ("global uint *restrict a", True),
+        ("global uint *const a", True),
+        ("global const uint *a", False),
+        ("const global uint *a", False),
+        ("global uint const *a", False),
+        ("constant uint *a", False),
+    ],
+)
+def test_const_before_the_star_makes_a_pointer_read_only(declaration: str, is_writable: bool) -> None:
+    (parameter,) = signature("some", f"kernel void some({declaration})").parameters
+    assert parameter.is_writable == is_writable
+
+
+def test_an_uploaded_array_is_never_written(device: Device, gpu_shaped: Device) -> None:
+    message = "'total' must be an array that the kernel may write to, got an uploaded one"
+    for each in (device, gpu_shaped):
+        cdf = memory.upload(each, np.arange(1, 5, dtype=np.uint32))
+        table = memory.zeros(each, (4, 2), np.uint32)
+        with pytest.raises(TypeError, match=message):
+            each.launch("sampling/guide", (1,), cdf=cdf, n=4, shift=31, guide=table, total=cdf)
+        np.testing.assert_array_equal(memory.download(each, cdf), [1, 2, 3, 4])
 
 
 def test_a_vector_of_another_length_is_refused() -> None:
