@@ -29,9 +29,11 @@ class DeviceArray:
 
 
 def upload(device: Device, array: np.ndarray, stage: str = "upload") -> DeviceArray:
-    """Make ``array`` readable for kernels. Shared memory is not copied: leave ``array`` unchanged.
+    """Make ``array`` readable for kernels, which cannot write to it.
 
-    Raises :class:`LightdomeError` if the device has not the room.
+    Leave ``array`` unchanged until all that reads it is done: shared memory is not copied, and a copy to a device with
+    memory of its own may still be under way on return. Raises :class:`LightdomeError` if the device has not enough
+    memory.
     """
     array = np.ascontiguousarray(array)
     flags = cl.mem_flags.READ_ONLY
@@ -40,14 +42,14 @@ def upload(device: Device, array: np.ndarray, stage: str = "upload") -> DeviceAr
         return DeviceArray(_buffer(device, flags, array.nbytes, array), array.shape, array.dtype, array, True)
     device.decisions.use("copies between host and device", "the device has a memory of its own")
     buffer = _buffer(device, flags, array.nbytes, None)
-    device.profile.record(stage, cl.enqueue_copy(device.queue, buffer, array, is_blocking=False))
+    device.profile.record(stage, cl.enqueue_copy(device.queue, buffer, array, is_blocking=False), array)
     return DeviceArray(buffer, array.shape, array.dtype, None, True)
 
 
 def empty(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceArray:
-    """Room for a kernel's result, not initialised.
+    """An array for a kernel's result, not initialised.
 
-    Raises :class:`LightdomeError` if there is none.
+    Raises :class:`LightdomeError` if the device has not enough memory.
     """
     shape = (shape,) if isinstance(shape, int) else shape
     kind = np.dtype(dtype)
@@ -92,7 +94,7 @@ def _buffer(device: Device, flags: int, size: int, host: np.ndarray | None) -> c
 
 
 def zeros(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceArray:
-    """Room for a kernel's result, all zero."""
+    """An array for a kernel's result, all zero."""
     return full(device, shape, 0, dtype)
 
 
@@ -114,7 +116,7 @@ def download(device: Device, array: DeviceArray, stage: str = "download") -> np.
             device.queue, array.buffer, cl.map_flags.READ, 0, array.shape, array.dtype
         )
         device.profile.record(stage, event)
-        mapped.base.release(device.queue)
+        device.profile.record(stage, mapped.base.release(device.queue), array)
         return array.host
     result = np.empty(array.shape, array.dtype)
     device.profile.record(stage, cl.enqueue_copy(device.queue, result, array.buffer))
