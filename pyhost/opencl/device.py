@@ -115,8 +115,9 @@ class Device:
         - ``step``: work-items per launch, see :meth:`items_a_launch`; several launches run one after the other, and
           the line ``progress`` says how far they are
 
-        Raises ``TypeError`` for arguments that are not those of the kernel, and :class:`LightdomeError` if the device's
-        compiler refuses it, or in a forked process.
+        Raises ``TypeError`` for arguments that are not those of the kernel, ``ValueError`` for an empty size, for a
+        group in more than one dimension and for a step that is no multiple of the group, and :class:`LightdomeError`
+        if the device's compiler refuses the kernel, or in a forked process.
         """
         launch(self, name, size, arguments, stage, defines or {}, group, step, progress)
 

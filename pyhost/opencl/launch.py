@@ -26,6 +26,7 @@ def launch(
     progress: str | None,
 ) -> None:
     """Launch the kernel ``name``; see :meth:`lightdome.opencl.device.Device.launch` for the arguments."""
+    _check(name, size, group, step)
     kernel = device.kernel(name, **defines)
     stage = stage or name.rpartition("/")[2]
     arrays = [value for value in arguments.values() if isinstance(value, DeviceArray)]
@@ -47,3 +48,17 @@ def launch(
             if line and step < length:
                 device.wait()
                 line.update(end / length)
+
+
+def _check(name: str, size: tuple[int, ...], group: int | None, step: int | None) -> None:
+    """Refuse what would run no work-item, or others than were asked for."""
+    if min(size, default=0) < 1:
+        raise ValueError(f"the kernel {name} needs a size of at least one work-item, got {size}")
+    if step is not None and step < 1:
+        raise ValueError(f"the kernel {name} needs a step of at least one work-item, got {step}")
+    if group is None:
+        return
+    if group < 1 or len(size) != 1:
+        raise ValueError(f"the kernel {name}: groups need one dimension and a positive number, got {group} of {size}")
+    if step is not None and step % group:
+        raise ValueError(f"the kernel {name}: the step must be a multiple of the group, {group}, got {step}")

@@ -25,28 +25,31 @@ class DeviceArray:
     shape: tuple[int, ...]
     dtype: np.dtype
     host: np.ndarray | None  # the memory itself, where host and device share it
+    is_read_only: bool = False  # uploaded: a kernel that wrote to it would write to the caller's own array
 
 
 def upload(device: Device, array: np.ndarray, stage: str = "upload") -> DeviceArray:
-    """Make ``array`` readable for kernels. Shared memory is not copied: leave ``array`` unchanged.
+    """Make ``array`` readable for kernels, which cannot write to it.
 
-    Raises :class:`LightdomeError` if the device has not the room.
+    Leave ``array`` unchanged until all that reads it is done: shared memory is not copied, and a copy to a device with
+    memory of its own may still be under way on return. Raises :class:`LightdomeError` if the device has not enough
+    memory.
     """
     array = np.ascontiguousarray(array)
     flags = cl.mem_flags.READ_ONLY
     if device.shares_host_memory:
         device.decisions.skip("copies between host and device", "it works on the host's memory")
-        return DeviceArray(_buffer(device, flags, array.nbytes, array), array.shape, array.dtype, array)
+        return DeviceArray(_buffer(device, flags, array.nbytes, array), array.shape, array.dtype, array, True)
     device.decisions.use("copies between host and device", "the device has a memory of its own")
     buffer = _buffer(device, flags, array.nbytes, None)
-    device.profile.record(stage, cl.enqueue_copy(device.queue, buffer, array, is_blocking=False))
-    return DeviceArray(buffer, array.shape, array.dtype, None)
+    device.profile.record(stage, cl.enqueue_copy(device.queue, buffer, array, is_blocking=False), array)
+    return DeviceArray(buffer, array.shape, array.dtype, None, True)
 
 
 def empty(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceArray:
-    """Room for a kernel's result, not initialised.
+    """An array for a kernel's result, not initialised.
 
-    Raises :class:`LightdomeError` if there is none.
+    Raises :class:`LightdomeError` if the device has not enough memory.
     """
     shape = (shape,) if isinstance(shape, int) else shape
     kind = np.dtype(dtype)
@@ -91,7 +94,7 @@ def _buffer(device: Device, flags: int, size: int, host: np.ndarray | None) -> c
 
 
 def zeros(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceArray:
-    """Room for a kernel's result, all zero."""
+    """An array for a kernel's result, all zero."""
     return full(device, shape, 0, dtype)
 
 
@@ -113,7 +116,7 @@ def download(device: Device, array: DeviceArray, stage: str = "download") -> np.
             device.queue, array.buffer, cl.map_flags.READ, 0, array.shape, array.dtype
         )
         device.profile.record(stage, event)
-        mapped.base.release(device.queue)
+        device.profile.record(stage, mapped.base.release(device.queue), array)
         return array.host
     result = np.empty(array.shape, array.dtype)
     device.profile.record(stage, cl.enqueue_copy(device.queue, result, array.buffer))

@@ -1,7 +1,7 @@
 """What a kernel takes, read from its own text, and arguments cast to that.
 
 A kernel's arguments are named: one that is missing, superfluous or of another type is a defect of the caller, and a
-``TypeError`` that names the kernel and the argument. Without that, OpenCL takes any buffer for any other.
+``TypeError`` that names the kernel and the argument. OpenCL itself accepts any buffer for any pointer argument.
 """
 
 from __future__ import annotations
@@ -27,17 +27,23 @@ _TYPES = {"float": np.float32, "double": np.float64, **_INTEGERS}
 _LIMITS = {np.dtype(kind): (int(np.iinfo(kind).min), int(np.iinfo(kind).max)) for kind in _INTEGERS.values()}
 _TYPE = re.compile(r"([a-z]+?)(2|3|4|8|16)?")
 _QUALIFIERS = {"const", "restrict", "volatile", "global", "constant", "__global", "__constant"}
+_READ_ONLY = {"const", "constant", "__constant"}  # before the star of a pointer
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of a kernel; ``dtype`` is that of its elements, or None for a type that the kernel defines."""
+    """One parameter of a kernel.
+
+    - ``dtype``: the type of its elements, or None for a type that the kernel defines
+    - ``is_writable``: whether it is a pointer through which the kernel may write
+    """
 
     name: str
     type: str
     is_pointer: bool
     dtype: np.dtype | None
     lanes: int
+    is_writable: bool = False
 
     def cast(self, value: Argument) -> cl.Buffer | np.generic | np.ndarray:
         """What pyopencl takes for ``value``. Raises ``TypeError`` for a value that this parameter cannot be."""
@@ -46,6 +52,8 @@ class Parameter:
                 raise TypeError(f"must be an array on the device, got {type(value).__name__}")
             if self.dtype is not None and self.dtype != value.dtype:
                 raise TypeError(f"must hold {self.dtype}, got {value.dtype}")
+            if self.is_writable and value.is_read_only:
+                raise TypeError("must be an array that the kernel may write to, got an uploaded one")
             return value.buffer
         return self._vector(value) if self.lanes > 1 else self._scalar(value)
 
@@ -111,9 +119,13 @@ def _parameter(declaration: str) -> Parameter:
     if len(words) != 2:
         raise ValueError(f"the parameter {declaration.strip()!r} is not understood")
     kind, name = words
-    parts, is_pointer = _TYPE.fullmatch(kind), "*" in declaration
+    pointed, star, _ = declaration.partition("*")
+    parts, is_pointer = _TYPE.fullmatch(kind), bool(star)
     is_known = parts is not None and parts[1] in _TYPES
     if not (is_known or is_pointer):
         raise ValueError(f"the parameter {declaration.strip()!r} is of an unknown type")
     dtype, lanes = (np.dtype(_TYPES[parts[1]]), int(parts[2] or 1)) if is_known and parts else (None, 1)
-    return Parameter(name, kind, is_pointer, dtype, lanes)
+    if lanes == 3 and not is_pointer:
+        raise ValueError(f"the parameter {declaration.strip()!r} has 3 lanes, which OpenCL pads to 4; use 4")
+    is_writable = is_pointer and not _READ_ONLY.intersection(re.findall(r"\w+", pointed))
+    return Parameter(name, kind, is_pointer, dtype, lanes, is_writable)

@@ -42,6 +42,7 @@ def test_a_signature_is_that_of_the_kernel() -> None:
     assert (pair.is_pointer, pair.dtype, pair.lanes) == (False, np.float32, 2)
     assert (cap.dtype, scale.dtype) == (np.uint64, np.float32)
     assert (arcs.is_pointer, arcs.dtype) == (True, None)
+    assert [parameter.is_writable for parameter in found] == [False, False, False, True, False]
     assert signature("launch", "kernel void launch(void)\n{\n}").parameters == ()
 
 
@@ -56,12 +57,13 @@ def test_every_kernel_has_a_signature_that_is_understood(path: object) -> None:
     [
         "kernel void other(void)",
         "kernel void some(half_open x)",
+        "kernel void some(const float3 x)",
         "kernel void some(uint)",
         "kernel void some(\n#if A\n)",
     ],
 )
 def test_a_signature_that_is_not_understood_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match=r"no kernel of its name|not understood|unknown type"):
+    with pytest.raises(ValueError, match=r"no kernel of its name|not understood|unknown type|has 3 lanes"):
         signature("some", text)
 
 
@@ -112,6 +114,32 @@ def test_an_array_of_another_type_is_refused(device: Device) -> None:
         device.launch("sampling/guide", (1,), cdf=floats, n=4, shift=31, guide=table, total=table)
 
 
+@pytest.mark.parametrize(
+    ("declaration", "is_writable"),
+    [
+        ("global uint *restrict a", True),
+        ("global uint *const a", True),
+        ("global const uint *a", False),
+        ("const global uint *a", False),
+        ("global uint const *a", False),
+        ("constant uint *a", False),
+    ],
+)
+def test_const_before_the_star_makes_a_pointer_read_only(declaration: str, is_writable: bool) -> None:
+    (parameter,) = signature("some", f"kernel void some({declaration})").parameters
+    assert parameter.is_writable == is_writable
+
+
+def test_an_uploaded_array_is_never_written(device: Device, gpu_shaped: Device) -> None:
+    message = "'total' must be an array that the kernel may write to, got an uploaded one"
+    for each in (device, gpu_shaped):
+        cdf = memory.upload(each, np.arange(1, 5, dtype=np.uint32))
+        table = memory.zeros(each, (4, 2), np.uint32)
+        with pytest.raises(TypeError, match=message):
+            each.launch("sampling/guide", (1,), cdf=cdf, n=4, shift=31, guide=table, total=cdf)
+        np.testing.assert_array_equal(memory.download(each, cdf), [1, 2, 3, 4])
+
+
 def test_a_vector_of_another_length_is_refused() -> None:
     pair = Signature("some", (Parameter("pair", "float2", False, np.dtype(np.float32), 2),))
     with pytest.raises(TypeError, match="the kernel some: the argument 'pair' must be float2, got 3 numbers"):
@@ -136,6 +164,31 @@ def test_steps_cover_every_work_item_once(device: Device, step: int | None) -> N
     )
     expected = radiance[..., 0] + radiance[..., 1] + radiance[..., 2]
     np.testing.assert_array_equal(memory.download(device, weight), expected)
+
+
+@pytest.mark.parametrize(
+    ("size", "options", "message"),
+    [
+        ((0,), {}, "a size of at least one work-item, got (0,)"),
+        ((4, 0), {}, "a size of at least one work-item, got (4, 0)"),
+        ((), {}, "a size of at least one work-item, got ()"),
+        ((4,), {"step": 0}, "a step of at least one work-item, got 0"),
+        ((4, 4), {"group": 2}, "groups need one dimension"),
+        ((4,), {"group": 0}, "groups need one dimension and a positive number"),
+        ((8,), {"group": 4, "step": 6}, "the step must be a multiple of the group, 4, got 6"),
+    ],
+)
+def test_a_size_that_cannot_be_launched_is_a_defect(
+    device: Device, size: tuple[int, ...], options: dict[str, int], message: str
+) -> None:
+    with pytest.raises(ValueError, match=rf"limits/launch.*{re.escape(message)}"):
+        device.launch("limits/launch", size, **options)
+
+
+@pytest.mark.parametrize("step", [None, 4, 8])
+def test_groups_are_filled_up(device: Device, step: int | None) -> None:
+    device.launch("limits/launch", (6,), group=4, step=step)
+    device.wait()
 
 
 def test_what_a_kernel_works_on_stays_until_it_is_done(device: Device) -> None:
