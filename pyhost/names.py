@@ -2,6 +2,16 @@
 
 from __future__ import annotations
 
+COMMANDS = (
+    "part1_fresnel",
+    "part2_sample",
+    "part3_shade",
+    "part4_pbrt",
+    "bench",
+    "roofline",
+    "stability",
+    "report",
+)
 SEQUENCES = ("independent", "stratified", "sobol", "r2")  # points of samples that all pixels share
 ESTIMATORS = ("light", "bsdf", "mis", "product")
 PIXEL_SEQUENCES = ("independent", "sobol")  # points of samples for every pixel
