@@ -2,9 +2,42 @@
 
 from __future__ import annotations
 
+from typing import Literal, NamedTuple
+
+COMMANDS = (
+    "part1_fresnel",
+    "part2_sample",
+    "part3_shade",
+    "part4_pbrt",
+    "bench",
+    "roofline",
+    "stability",
+    "report",
+)
 SEQUENCES = ("independent", "stratified", "sobol", "r2")  # points of samples that all pixels share
-ESTIMATORS = ("light", "bsdf", "mis", "product")
 PIXEL_SEQUENCES = ("independent", "sobol")  # points of samples for every pixel
+
+
+class Estimator(NamedTuple):
+    """What is known of an estimator with fresh samples for every pixel."""
+
+    pixels: Literal["centres", "areas"]  # what it takes the map's pixels for, and so which exact image it converges to
+    operations: int  # of one sample with a Sobol point, as lightdome.evaluation.roofline_stages counts them
+
+
+# A Sobol point: two coordinates, each Owen's scramble and the reversal of bits; the cosine (3), what it is divided by
+# (4), the sum (3); and
+_SAMPLE = 2 * (8 + 23) + 10
+_LIGHT = _SAMPLE + 2  # sin theta cos phi and sin theta sin phi
+_BSDF = _SAMPLE + 2 + 12 + 12 + 24  # roots, sine and cosine, a frame about n, two arc tangents
+
+# A kernel rendering/render_NAME.cl for each.
+ESTIMATORS = {
+    "light": Estimator("centres", _LIGHT),
+    "bsdf": Estimator("areas", _BSDF),
+    "mis": Estimator("areas", _LIGHT + 12 + 8 + _BSDF + 4),  # a place in a pixel, its sine and cosine; both weights
+    "product": Estimator("centres", _LIGHT),
+}
 
 
 def per_pixel(estimator: str, sequence: str) -> str:

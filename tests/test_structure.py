@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from helpers import ROOT
+from lightdome.names import COMMANDS
 
 HOST = ROOT / "pyhost"
 SUPPORT = "support"  # the host's own files
@@ -77,6 +78,27 @@ def test_the_package_list_is_that_of_the_folders() -> None:
     config.read(ROOT / "setup.cfg")
     packages = config["options"]["packages"].split()
     assert sorted(packages) == sorted(["lightdome", "lightdome.clkernels", *(f"lightdome.{name}" for name in FOLDERS)])
+
+
+def calls(path: Path) -> list[str]:
+    """The calls in a file that take one string: ``function('string')``."""
+    nodes = (node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Call))
+    return [ast.unparse(node) for node in nodes if [type(arg) for arg in node.args] == [ast.Constant]]
+
+
+def test_every_command_has_a_script_of_its_name() -> None:
+    trees = {path.stem: ast.parse(path.read_text(encoding="utf-8")) for path in (HOST / "commands").glob("[!_]*.py")}
+    with_main = {name for name, tree in trees.items() if "main" in {getattr(node, "name", "") for node in tree.body}}
+    assert with_main == set(COMMANDS)
+    scripts = {path.stem: path for path in (ROOT / "scripts").glob("[!_]*.py")}
+    run_by = {name: [call for call in calls(path) if "command(" in call] for name, path in scripts.items()}
+    assert {name: run for name, run in run_by.items() if run} == {
+        name: [f"_start.command('{name}')"] for name in COMMANDS
+    }
+
+
+def test_the_folders_of_the_tests_are_those_of_the_host() -> None:
+    assert {path.parent.name for path in (ROOT / "tests").glob("*/*.py")} == FOLDERS | {"tools"}
 
 
 def test_no_file_of_tests_needs_another() -> None:

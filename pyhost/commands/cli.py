@@ -1,7 +1,7 @@
 """What every script shares: argument types, output folders, and errors in one line.
 
 A script parses its arguments, calls the library and says what it wrote. Its ``main`` runs
-under :func:`run`, which turns a user's mistake into one line and exit status 1; argparse
+under :func:`lightdome.console.run`, which turns a user's mistake into one line and exit status 1; argparse
 itself exits with 2 on a wrong command line. Defects of lightdome keep their traceback.
 """
 
@@ -52,12 +52,18 @@ def parser(description: str, example: str, out: str) -> argparse.ArgumentParser:
     return result
 
 
+def _data_folder() -> Path:
+    """``data/`` beside the folder of the script that runs, else beside the package, where a clone has it."""
+    of_script = Path(sys.argv[0]).resolve().parent.parent / "data"
+    return of_script if of_script.is_dir() else Path(__file__).resolve().parents[2] / "data"
+
+
 def map_options(parser: argparse.ArgumentParser) -> None:
     """Add ``--map``, ``--layer``, ``--sanitize`` and ``--flip``, for :func:`load_map`.
 
-    The default is Grace if it is in ``data/`` beside ``scripts/``, else the map that ships.
+    The default is Grace if it is in the folder of :func:`_data_folder`, else the map that ships.
     """
-    data = Path(sys.argv[0]).resolve().parent.parent / "data"
+    data = _data_folder()
     grace = data / "grace_latlong.exr"
     parser.add_argument(
         "--map",

@@ -27,7 +27,7 @@ from ..maps.envmap import EnvironmentMap
 from ..names import ESTIMATORS, PIXEL_SEQUENCES, SEQUENCES
 from ..names import per_pixel as per_pixel_name
 from ..opencl.device import Device
-from ..rendering.per_pixel import PIXELS_OF, render
+from ..rendering.per_pixel import render
 from ..sampling.distribution import build_distribution
 from .metrics import half_quartile_distance, relative_rmse
 
@@ -112,9 +112,9 @@ def methods(device: Device, envmap: EnvironmentMap, resolution: int) -> dict[str
         for sequence in PIXEL_SEQUENCES:
             name = per_pixel_name(estimator, sequence)
             run = per_pixel(estimator, sequence)
-            result.append(Method(name, "per pixel", run, pixels=PIXELS_OF[estimator], device=device))
+            result.append(Method(name, "per pixel", run, pixels=ESTIMATORS[estimator].pixels, device=device))
     run = per_pixel("mis", "sobol", True)
-    result.append(Method("mis-compensated-sobol", "per pixel", run, pixels=PIXELS_OF["mis"], device=device))
+    result.append(Method("mis-compensated-sobol", "per pixel", run, pixels=ESTIMATORS["mis"].pixels, device=device))
     result.append(Method("harmonics", "order", harmonics, random=False, counts=ORDERS, device=device))
     for name, pixels in (("exact", "centres"), ("exact-areas", "areas")):
         run = partial(_exact, device, envmap, resolution, pixels)

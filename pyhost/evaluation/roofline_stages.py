@@ -24,9 +24,10 @@ from ..lighting.harmonics import Harmonics, project, shade_harmonics
 from ..lighting.median_cut import median_cut
 from ..lighting.shade import shade
 from ..maps.envmap import EnvironmentMap
+from ..names import ESTIMATORS
 from ..opencl.device import Device
 from ..opencl.memory import DeviceArray
-from ..rendering.per_pixel import ESTIMATORS, render
+from ..rendering.per_pixel import render
 from ..sampling.cdf import RowCDFs, build_row_cdfs
 from ..sampling.distribution import Distribution, build_distribution
 from ..sampling.draw import PIXELS, draw, room_for, sequence_points
@@ -37,17 +38,7 @@ SPP = 16  # samples per pixel of the per-pixel estimators
 ORDER = 10  # of spherical harmonics
 
 POINT = 40  # operations: Philox's 10 rounds of 4 products and 4 xors, for two points
-SOBOL_POINT = 2 * (8 + 23)  # two coordinates: Owen's scramble, the reversal of bits
 DIRECTION = 2  # sin theta cos phi and sin theta sin phi
-# Operations of one sample: the point, the cosine (3), what it is divided by (4), the sum (3), and
-LIGHT = SOBOL_POINT + 10 + DIRECTION
-BSDF = SOBOL_POINT + 10 + 2 + 12 + 12 + 24  # roots, sine and cosine, a frame about n, two arc tangents
-OPERATIONS = {
-    "light": LIGHT,
-    "bsdf": BSDF,
-    "mis": LIGHT + 12 + 8 + BSDF + 4,  # a place in a pixel, its sine and cosine; both weights
-    "product": LIGHT,
-}
 
 
 @dataclass(frozen=True)
@@ -169,7 +160,9 @@ class MapStages:
         yield self._stage("exact", run, work, resolution=resolution)
         count = disc * SPP
         for estimator in ESTIMATORS:
-            work = Work(image + 16 * min(count, self.pixels), OPERATIONS[estimator] * count, count, "samples")
+            work = Work(
+                image + 16 * min(count, self.pixels), ESTIMATORS[estimator].operations * count, count, "samples"
+            )
 
             def run(estimator: str = estimator) -> None:
                 list(render(self.distribution, [SPP], resolution, estimator=estimator, sequence="sobol"))

@@ -125,7 +125,7 @@ def project(device: Device, envmap: EnvironmentMap | DeviceMap, order: int = 2) 
 def shade_harmonics(device: Device, harmonics: Harmonics, resolution: int = 511, albedo: float = 1.0) -> np.ndarray:
     """The diffuse sphere under ``harmonics``: (R, R, 3) float32, radiance, 0 outside the disc, may be negative.
 
-    A pixel is albedo / pi times the sum of A_l L_lm Y_lm(n). The camera is that of :mod:`lightdome.lighting.sphere`.
+    A pixel is albedo / pi times the sum of A_l L_lm Y_lm(n). The camera is that of :mod:`lightdome.lighting.shade`.
     Raises :class:`LightdomeError` for a resolution outside 1 to 16384, an order above 64, or an albedo that is
     negative or not finite.
     """

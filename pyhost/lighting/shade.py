@@ -24,7 +24,7 @@ from ..opencl.signature import Argument
 from ..sampling.samples import Samples
 from .exact import exact
 
-LANES = 16  # pixels across a tile, and lights in a vector, see clkernels/shade_tiles.cl
+LANES = 16  # pixels across a tile, and lights in a vector, see clkernels/lighting/shade_tiles.cl
 TILE_ROWS = 16
 PAIRS_A_LAUNCH = 2**33  # pixels x lights between two updates of the progress line
 SAMPLES_A_ROW = 320  # of a map, from which on an image of the map is made sooner than one of the samples

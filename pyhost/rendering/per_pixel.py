@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -56,13 +56,6 @@ OF_MAP = (
     "height",
     "scale",
 )  # arguments that a DeviceMap has by these names
-# What an estimator takes the map's pixels for, and so which exact image it converges to.
-PIXELS_OF: dict[str, Literal["centres", "areas"]] = {
-    "light": "centres",
-    "bsdf": "areas",
-    "mis": "areas",
-    "product": "centres",
-}
 
 
 def render(

@@ -53,7 +53,7 @@ class Distribution:
     def sample(self, count: int, seed: int = 0, sequence: str = "independent") -> Samples:
         """Draw ``count`` samples. The same ``seed`` gives the same samples on every device.
 
-        ``sequence`` is what the points are (``clkernels/sequence.clh``): ``independent``, ``stratified``
+        ``sequence`` is what the points are (``clkernels/common/sequence.clh``): ``independent``, ``stratified``
         in cells of equal area for any count, ``sobol`` with Owen's scramble, or the lattice ``r2``. The
         first n of more samples are the samples of n, except for ``stratified``.
 

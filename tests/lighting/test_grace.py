@@ -11,7 +11,7 @@ from lightdome.lighting.exact import exact
 from lightdome.lighting.shade import shade_samples
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.opencl.device import Device
-from lightdome.rendering.per_pixel import PIXELS_OF, render
+from lightdome.rendering.per_pixel import ESTIMATORS, render
 from lightdome.sampling.distribution import Distribution, build_distribution
 
 
@@ -91,7 +91,7 @@ def test_errors_of_fresh_samples(
 
     def error(**options: object) -> float:
         images = [next(render(distribution, [64], 127, seed=s, **options))[1] for s in range(3)]
-        own = targets[PIXELS_OF[str(options["estimator"])]]
+        own = targets[ESTIMATORS[str(options["estimator"])].pixels]
         return float(np.mean([reference.relative_rmse(image, own) for image in images]))
 
     assert error(estimator="light") == pytest.approx(0.146, rel=0.1)

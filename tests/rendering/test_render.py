@@ -14,12 +14,12 @@ from lightdome.lighting.exact import PIXELS
 from lightdome.lighting.exact import exact as exact_image
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.opencl.device import Device
-from lightdome.rendering.per_pixel import ESTIMATORS, PIXELS_OF, SEQUENCES, render
+from lightdome.rendering.per_pixel import ESTIMATORS, SEQUENCES, render
 from lightdome.sampling.distribution import Distribution, build_distribution
 
 R = 24
 CENTRES = ("light", "product")  # see the pixels of the map as directions, the others as areas
-assert {e for e, pixels in PIXELS_OF.items() if pixels == "centres"} == set(CENTRES)
+assert {e for e, facts in ESTIMATORS.items() if facts.pixels == "centres"} == set(CENTRES)
 ALL = [{"estimator": e} for e in ESTIMATORS] + [{"estimator": "mis", "mis_compensation": True}]
 NAMES = [*ESTIMATORS, "compensated"]
 
@@ -94,7 +94,7 @@ def test_under_one_lamp_each_estimator_meets_its_own_exact_image_and_not_the_oth
     off = {pixels: np.abs(image - exact_image(device, envmap, R, pixels=pixels)).max() for pixels in PIXELS}
     # Few of `bsdf`'s directions find the lamp.
     assert (
-        off.pop(PIXELS_OF[str(options["estimator"])])
+        off.pop(ESTIMATORS[str(options["estimator"])].pixels)
         < (0.02 if options["estimator"] == "bsdf" else 0.006) * image.max()
     )
     assert off.popitem()[1] > 0.04 * image.max()
@@ -164,7 +164,10 @@ def test_mis_is_not_much_worse_than_the_better_of_both(device: Device, distribut
 
 def test_the_product_has_less_noise_than_the_rest(distribution: Distribution, target: np.ndarray) -> None:
     targets = {"centres": target, "areas": limit(distribution.envmap.radiance, "mis")}
-    error = {e: reference.relative_rmse(one(distribution, 64, estimator=e), targets[PIXELS_OF[e]]) for e in ESTIMATORS}
+    error = {
+        e: reference.relative_rmse(one(distribution, 64, estimator=e), targets[ESTIMATORS[e].pixels])
+        for e in ESTIMATORS
+    }
     assert error["product"] < 0.7 * min(error[e] for e in ESTIMATORS if e != "product")
 
 
@@ -375,7 +378,7 @@ def test_the_last_rows_and_columns_of_any_map_send_their_light(
     distribution = build_distribution(device, envmap)
     for options in ALL:
         image = one(distribution, 2**14, 9, sequence="sobol", **options)
-        expected = exact_image(device, envmap, 9, pixels=PIXELS_OF[str(options["estimator"])])
+        expected = exact_image(device, envmap, 9, pixels=ESTIMATORS[str(options["estimator"])].pixels)
         sums, truth = (a.sum(axis=(0, 1), dtype=np.float64) for a in (image, expected))
         np.testing.assert_allclose(sums, truth, rtol=0.05 if options["estimator"] == "bsdf" else 3e-4)
 

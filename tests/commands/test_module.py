@@ -1,0 +1,53 @@
+"""``python -m lightdome.commands`` runs a command without its script, from any folder."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from helpers import LONG, ROOT, fails_in_one_line
+from lightdome.names import COMMANDS
+
+pytestmark = pytest.mark.slow
+
+
+def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "lightdome.commands", *arguments]
+    wide = {**os.environ, "COLUMNS": "1000"}
+    return subprocess.run(command, capture_output=True, text=True, timeout=LONG, cwd=folder, env=wide)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"), [((), "required: NAME"), (("nope",), "'nope'"), (("settings",), "'settings'")]
+)
+def test_a_name_that_is_no_command_is_refused(tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:
+    result = run(tmp_path, *arguments)
+    assert result.returncode == 2
+    assert "Traceback" not in result.stderr
+    assert message in result.stderr
+
+
+def test_help_names_every_command(tmp_path: Path) -> None:
+    result = run(tmp_path, "--help")
+    assert result.returncode == 0
+    assert ", ".join(COMMANDS) in result.stdout
+
+
+def test_the_default_map_is_that_of_the_clone(tmp_path: Path) -> None:
+    """Whatever lies around the folder that it runs in."""
+    folder = tmp_path / "here"
+    for other in (folder, tmp_path / "data"):
+        other.mkdir()
+    (tmp_path / "data" / "default.exr").touch()
+    result = run(folder, "part2_sample", "--help")
+    (line,) = (line for line in result.stdout.splitlines() if line.lstrip().startswith("--map "))
+    assert f"(default: {ROOT / 'data'}{os.sep}" in line
+
+
+def test_a_mistake_is_told_as_by_the_script(tmp_path: Path) -> None:
+    result = run(tmp_path, "part3_shade", "nothing.npz")
+    fails_in_one_line(result, "nothing.npz")
+    assert result.stderr.startswith("part3_shade: ")
