@@ -51,7 +51,7 @@ def test_another_map_resolution_integral_or_convention_is_another_image(
 @pytest.mark.parametrize(
     ("kernel", "text", "other"),
     [
-        ("lighting/arc_sums", "const float s = scale[y];", "const float s = 2.0f * scale[y];"),
+        ("lighting/arc_sums", "const float weight = row_weight[y];", "const float weight = 2.0f * row_weight[y];"),
         ("lighting/exact", "add_to_pixel(light_of(", "add_to_pixel(2.0f * light_of("),
         ("lighting/exact_areas", "float3 rgb = light_of(", "float3 rgb = 2.0f * light_of("),
         ("lighting/exact", "return (float3)(a, b, c2", "return (float3)(a, -b, c2"),

@@ -1,13 +1,13 @@
 // Prefix sums along the rows of an environment map of w L^T: what any arc of a row sends, as one difference.
 //
-//     arc(k) = sum over columns x < k of w (R, G, B) scale(y)      k = -half .. width,  half = (width + 1) / 2
+//     arc(k) = sum over columns x < k of w (R, G, B) row_weight(y)      k = -half .. width,  half = (width + 1) / 2
 //
 // Columns below 0 are those of the row's end, so an arc of at most one turn about 0 <= phi <= pi needs no wrapping.
 // Sums are double words: a sun in the row leaves what its other arcs send their digits.
 //
 // radiance    height x width x 3 floats, finite and >= 0
 // theta, phi  (sin, cos) of every row and of every column
-// scale       by row: a power of two that keeps the sums inside float's range, and the pixel's solid angle / pi
+// row_weight  by row: a power of two that keeps the sums inside float's range, and the pixel's solid angle / pi
 // first       the first row of this band
 // arcs        band x (half + width + 1) x 2 x 16 floats: high and low words of w_x L, w_y L, w_z L (4 floats each, the
 //             last 0) and 4 zeros: one cache line a word. With GREY the channels are the same, and a word has 4 floats:
@@ -21,7 +21,7 @@
 kernel void arc_sums(global const float *restrict radiance,
                      global const float2 *restrict theta,
                      global const float2 *restrict phi,
-                     global const float *restrict scale,
+                     global const float *restrict row_weight,
                      const uint width,
                      const uint first,
                      global arc *restrict arcs)
@@ -29,7 +29,7 @@ kernel void arc_sums(global const float *restrict radiance,
     const uint row = get_global_id(0), y = first + row, half_width = (width + 1) / 2;
     const size_t stride = half_width + width + 1;
     const float2 t = theta[y];
-    const float s = scale[y];
+    const float weight = row_weight[y];
     radiance += (size_t)y * width * 3;
     arcs += row * stride * 2;
 
@@ -40,9 +40,9 @@ kernel void arc_sums(global const float *restrict radiance,
         arcs[2 * k + 1] = lo;
         const float2 p = phi[x];
 #ifdef GREY
-        const arc m = radiance[3 * x] * s * (float4)(t.x * p.y, t.y, t.x * p.x, 0.0f);
+        const arc m = radiance[3 * x] * weight * (float4)(t.x * p.y, t.y, t.x * p.x, 0.0f);
 #else
-        const float4 L = (float4)(vload3(x, radiance) * s, 0.0f);
+        const float4 L = (float4)(vload3(x, radiance) * weight, 0.0f);
         const arc m = (arc)(L * (t.x * p.y), L * t.y, L * (t.x * p.x), (float4)(0.0f));
 #endif
         DOUBLE_WORD_ADD(arc, hi, lo, m);

@@ -2,13 +2,13 @@
 //
 //     f = scale (R + G + B)        flux(cell) = sum over its pixels of f sin(theta)
 //
-// theta, phi   (sin, cos) of every row and of every column
-// size         pixels of a cell across and down; the last ones may have fewer
-// column_cdf   height x width integers (prefix_sum.clh), over the pixels of a row that share a cell
-// row_cdf      cells across x height integers, over the rows of a cell
-// flux         cells down x cells across
-// lights       (axis, reach) of every cell: the mean direction of its light, and the distance of the
-//              farthest lit pixel's direction from it
+// theta, phi         (sin, cos) of every row and of every column
+// size               pixels of a cell across and down; the last ones may have fewer
+// cell_row_cdf       height x width integers (prefix_sum.clh), over the pixels of a row that share a cell
+// cell_marginal_cdf  cells across x height integers, over the rows of a cell
+// flux               cells down x cells across
+// cell_cones         (axis, reach) of every cell: the mean direction of its light, and the distance of the
+//                    farthest lit pixel's direction from it
 //
 // A cell has CDFs of its own, because beside a bright pixel elsewhere in the row its pixels may weigh less
 // than the row's CDF resolves, and yet be all the light that some normals see. One work-item a cell.
@@ -23,15 +23,15 @@ kernel void cells(global const float *restrict radiance,
                   const uint height,
                   const uint2 size,
                   const float scale,
-                  global uint *restrict column_cdf,
-                  global uint *restrict row_cdf,
+                  global uint *restrict cell_row_cdf,
+                  global uint *restrict cell_marginal_cdf,
                   global float *restrict flux,
-                  global float4 *restrict lights)
+                  global float4 *restrict cell_cones)
 {
     const uint2 cell = (uint2)(get_global_id(0), get_global_id(1));
     const size_t index = cell.y * get_global_size(0) + cell.x;
     const uint2 first = cell * size, last = min(first + size, (uint2)(width, height));
-    row_cdf += (size_t)cell.x * height;
+    cell_marginal_cdf += (size_t)cell.x * height;
 
     float total = 0.0f;
     float3 axis = 0.0f;
@@ -43,17 +43,17 @@ kernel void cells(global const float *restrict radiance,
         for (uint x = first.x; x < last.x; ++x) {
             const float3 L = vload3(row + x, radiance) * scale;
             const float f = L.x + L.y + L.z;
-            column_cdf[row + x] = as_uint(f);
+            cell_row_cdf[row + x] = as_uint(f);
             sum += f;
             along += f * phi[x];
         }
-        weights_to_cdf(column_cdf + row + first.x, last.x - first.x, sum);
+        weights_to_cdf(cell_row_cdf + row + first.x, last.x - first.x, sum);
         const float g = sum * t.x;
-        row_cdf[y] = as_uint(g);
+        cell_marginal_cdf[y] = as_uint(g);
         total += g;
         axis += t.x * (float3)(t.x * along.y, t.y * sum, t.x * along.x);
     }
-    weights_to_cdf(row_cdf + first.y, last.y - first.y, total);
+    weights_to_cdf(cell_marginal_cdf + first.y, last.y - first.y, total);
     axis = total > 0.0f ? plain_normalize(axis / total) : (float3)(0.0f, 1.0f, 0.0f);
 
     float reach = 0.0f;
@@ -65,5 +65,5 @@ kernel void cells(global const float *restrict radiance,
                 reach = fmax(reach, plain_distance(axis, (float3)(t.x * p.y, t.y, t.x * p.x)));
         }
     flux[index] = total;
-    lights[index] = (float4)(axis, reach + 1e-6f);
+    cell_cones[index] = (float4)(axis, reach + 1e-6f);
 }

@@ -2,11 +2,11 @@
 //
 //     g(cell) = flux(cell) C(tile, cell)        total = sum over cells of g(cell)
 //
-// flux, lights   from cells.cl, cells.y x cells.x; C is product.clh's
-// tiles          (axis, reach) of the normals of every tile that meets the disc
-// total          one a tile; stays 0 for a tile outside the disc
-// column_cdf     a tile's cells.y x cells.x integers (prefix_sum.clh), over the cells of one row
-// row_cdf        a tile's cells.y integers, over its rows of cells
+// flux, cell_cones   from cells.cl, cells.y x cells.x; C is product.clh's
+// tile_cones         (axis, reach) of the normals of every tile that meets the disc
+// total              one a tile; stays 0 for a tile outside the disc
+// tile_row_cdf       a tile's cells.y x cells.x integers (prefix_sum.clh), over the cells of one row
+// tile_marginal_cdf  a tile's cells.y integers, over its rows of cells
 //
 // One work-item a tile of tile_size x tile_size pixels.
 
@@ -38,37 +38,38 @@ static inline float4 bound_normals(int2 tile, int tile_size, int resolution)
 }
 
 kernel void product_cdf(global const float *restrict flux,
-                        global const float4 *restrict lights,
+                        global const float4 *restrict cell_cones,
                         const uint2 cells,
                         const int tile_size,
                         const int resolution,
-                        global float4 *restrict tiles,
+                        global float4 *restrict tile_cones,
                         global float *restrict total,
-                        global uint *restrict column_cdf,
-                        global uint *restrict row_cdf)
+                        global uint *restrict tile_row_cdf,
+                        global uint *restrict tile_marginal_cdf)
 {
     const size_t index = get_global_id(1) * get_global_size(0) + get_global_id(0);
-    const float4 tile = bound_normals((int2)(get_global_id(0), get_global_id(1)), tile_size, resolution);
-    if (tile.w == 0.0f)
+    const float4 tile_cone = bound_normals((int2)(get_global_id(0), get_global_id(1)), tile_size, resolution);
+    if (tile_cone.w == 0.0f)
         return;
-    tiles[index] = tile;
-    column_cdf += index * cells.y * cells.x;
-    row_cdf += index * cells.y;
+    tile_cones[index] = tile_cone;
+    tile_row_cdf += index * cells.y * cells.x;
+    tile_marginal_cdf += index * cells.y;
 
     float sum = 0.0f;
     for (uint j = 0; j < cells.y; ++j) {
         float row_sum = 0.0f;
         for (uint i = 0; i < cells.x; ++i) {
             const uint cell = j * cells.x + i;
-            const float4 light = lights[cell];
-            const float g = flux[cell] * cosine_guess(plain_dot(tile.xyz, light.xyz), tile.w + light.w);
-            column_cdf[cell] = as_uint(g);
+            const float4 cell_cone = cell_cones[cell];
+            const float c = plain_dot(tile_cone.xyz, cell_cone.xyz);
+            const float g = flux[cell] * cosine_guess(c, tile_cone.w + cell_cone.w);
+            tile_row_cdf[cell] = as_uint(g);
             row_sum += g;
         }
-        weights_to_cdf(column_cdf + j * cells.x, cells.x, row_sum);
-        row_cdf[j] = as_uint(row_sum);
+        weights_to_cdf(tile_row_cdf + j * cells.x, cells.x, row_sum);
+        tile_marginal_cdf[j] = as_uint(row_sum);
         sum += row_sum;
     }
-    weights_to_cdf(row_cdf, cells.y, sum);
+    weights_to_cdf(tile_marginal_cdf, cells.y, sum);
     total[index] = sum;
 }

@@ -9,6 +9,10 @@
 // below the horizon are drawn, and the noise of the cosine is gone but for the size of cells and tiles.
 // (Two-stage importance sampling: Cline et al. 2006; product sampling: Clarberg et al. 2005.)
 //
+// tile_row_cdf, tile_marginal_cdf, tile_cones, tile_total
+//                from product_cdf.cl
+// cell_row_cdf, cell_marginal_cdf, cell_cones
+//                from cells.cl
 // sum            high words of resolution x resolution x 3, then low words; this adds samples begin .. end - 1
 // inverse_total  of S sin(theta) over the map, so that a tile's total leaves `sum` without the map's scale
 //
@@ -33,15 +37,15 @@ static inline void search_rest(global const uint *cdf, const uint n, private con
     }
 }
 
-kernel void render_product(global const uint *restrict tile_column_cdf,
-                           global const uint *restrict tile_row_cdf,
-                           global const float4 *restrict tiles,
+kernel void render_product(global const uint *restrict tile_row_cdf,
+                           global const uint *restrict tile_marginal_cdf,
+                           global const float4 *restrict tile_cones,
                            global const float *restrict tile_total,
                            const uint tile_size,
                            const uint tiles_across,
-                           global const uint *restrict column_cdf,
-                           global const uint *restrict row_cdf,
-                           global const float4 *restrict lights,
+                           global const uint *restrict cell_row_cdf,
+                           global const uint *restrict cell_marginal_cdf,
+                           global const float4 *restrict cell_cones,
                            const uint2 cells,
                            const uint2 cell_size,
                            global const float *restrict radiance,
@@ -66,19 +70,19 @@ kernel void render_product(global const uint *restrict tile_column_cdf,
     block_streams streams;
     begin_streams(&streams, index, begin, seed);
 
-    uint tile_row[BLOCK], row_total[BLOCK], last_row[BLOCK], last_column[BLOCK];
-    block3 tile;
-    float reach[BLOCK], factor[BLOCK];
+    uint tile_marginal[BLOCK], marginal_total[BLOCK], last_row[BLOCK], last_column[BLOCK];
+    block3 tile_axis;
+    float tile_reach[BLOCK], factor[BLOCK];
     for (uint k = 0; k < BLOCK; ++k) {
         const uint2 at = (uint2)(index[k] % resolution, index[k] / resolution) / tile_size;
         const uint t = at.y * tiles_across + at.x;
-        tile.x[k] = tiles[t].x;
-        tile.y[k] = tiles[t].y;
-        tile.z[k] = tiles[t].z;
-        reach[k] = tiles[t].w;
+        tile_axis.x[k] = tile_cones[t].x;
+        tile_axis.y[k] = tile_cones[t].y;
+        tile_axis.z[k] = tile_cones[t].z;
+        tile_reach[k] = tile_cones[t].w;
         factor[k] = tile_total[t] * inverse_total;
-        tile_row[k] = t * cells.y;
-        row_total[k] = tile_row_cdf[tile_row[k] + cells.y - 1];
+        tile_marginal[k] = t * cells.y;
+        marginal_total[k] = tile_marginal_cdf[tile_marginal[k] + cells.y - 1];
         last_row[k] = cells.y - 1;
         last_column[k] = cells.x - 1;
     }
@@ -90,43 +94,43 @@ kernel void render_product(global const uint *restrict tile_column_cdf,
         next_points(&streams, s, seed, across, down);
 
         // A cell (i, j), by the CDFs of the pixel's tile
-        search_rest(tile_row_cdf, cells.y, tile_row, last_row, row_total, down, j);
+        search_rest(tile_marginal_cdf, cells.y, tile_marginal, last_row, marginal_total, down, j);
         SCALAR_LOADS
         for (uint k = 0; k < BLOCK; ++k) {
-            base[k] = (tile_row[k] + j[k]) * cells.x;
-            total[k] = tile_column_cdf[base[k] + cells.x - 1];
+            base[k] = (tile_marginal[k] + j[k]) * cells.x;
+            total[k] = tile_row_cdf[base[k] + cells.x - 1];
         }
-        search_rest(tile_column_cdf, cells.x, base, last_column, total, across, i);
+        search_rest(tile_row_cdf, cells.x, base, last_column, total, across, i);
 
         // A pixel (x, y) of the map, by the CDFs of the cell and the rest of the point
         SCALAR_LOADS
         for (uint k = 0; k < BLOCK; ++k) {
             last[k] = min(cell_size.y, height - j[k] * cell_size.y) - 1;
             base[k] = i[k] * height + j[k] * cell_size.y;
-            total[k] = row_cdf[base[k] + last[k]];
+            total[k] = cell_marginal_cdf[base[k] + last[k]];
         }
-        block_search(row_cdf, cell_size.y, base, last, total, down, y);
+        block_search(cell_marginal_cdf, cell_size.y, base, last, total, down, y);
         SCALAR_LOADS
         for (uint k = 0; k < BLOCK; ++k) {
             y[k] += j[k] * cell_size.y;
             last[k] = min(cell_size.x, width - i[k] * cell_size.x) - 1;
             base[k] = y[k] * width + i[k] * cell_size.x;
-            total[k] = column_cdf[base[k] + last[k]];
+            total[k] = cell_row_cdf[base[k] + last[k]];
         }
-        block_search(column_cdf, cell_size.x, base, last, total, across, x);
+        block_search(cell_row_cdf, cell_size.x, base, last, total, across, x);
         for (uint k = 0; k < BLOCK; ++k)
             x[k] += i[k] * cell_size.x;
 
         // max(0, n . w) / C
-        block3 light;
-        float light_reach[BLOCK], weight[BLOCK];
+        block3 cell_axis;
+        float cell_reach[BLOCK], weight[BLOCK];
         SCALAR_LOADS
         for (uint k = 0; k < BLOCK; ++k) {
-            const float4 l = lights[j[k] * cells.x + i[k]];
-            light.x[k] = l.x;
-            light.y[k] = l.y;
-            light.z[k] = l.z;
-            light_reach[k] = l.w;
+            const float4 cone = cell_cones[j[k] * cells.x + i[k]];
+            cell_axis.x[k] = cone.x;
+            cell_axis.y[k] = cone.y;
+            cell_axis.z[k] = cone.z;
+            cell_reach[k] = cone.w;
         }
         float sin_theta[BLOCK], cos_theta[BLOCK], sin_phi[BLOCK], cos_phi[BLOCK];
         block_directions(theta, phi, x, y, sin_theta, cos_theta, sin_phi, cos_phi);
@@ -135,10 +139,10 @@ kernel void render_product(global const uint *restrict tile_column_cdf,
             const wide cosine = LOAD_WIDE(normal.x + k) * (sine * LOAD_WIDE(cos_phi + k))
                               + LOAD_WIDE(normal.y + k) * LOAD_WIDE(cos_theta + k)
                               + LOAD_WIDE(normal.z + k) * (sine * LOAD_WIDE(sin_phi + k));
-            const wide c = LOAD_WIDE(tile.x + k) * LOAD_WIDE(light.x + k)
-                         + LOAD_WIDE(tile.y + k) * LOAD_WIDE(light.y + k)
-                         + LOAD_WIDE(tile.z + k) * LOAD_WIDE(light.z + k);
-            const wide guess = cosine_guess(c, LOAD_WIDE(reach + k) + LOAD_WIDE(light_reach + k));
+            const wide c = LOAD_WIDE(tile_axis.x + k) * LOAD_WIDE(cell_axis.x + k)
+                         + LOAD_WIDE(tile_axis.y + k) * LOAD_WIDE(cell_axis.y + k)
+                         + LOAD_WIDE(tile_axis.z + k) * LOAD_WIDE(cell_axis.z + k);
+            const wide guess = cosine_guess(c, LOAD_WIDE(tile_reach + k) + LOAD_WIDE(cell_reach + k));
             STORE_WIDE(cosine > 0.0f ? cosine / guess : (wide)(0.0f), weight + k);
         }
 

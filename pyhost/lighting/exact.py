@@ -75,7 +75,7 @@ def exact(
     height, width, scale = of_map.height, of_map.width, of_map.scale
     lanes = device.vector_width
     rows = memory.upload(device, area_moments(height, width)) if areas else of_map.theta
-    weight = memory.upload(device, (scale / np.pi * of_map.solid_angles).astype(np.float32))
+    row_weight = memory.upload(device, (scale / np.pi * of_map.solid_angles).astype(np.float32))
     half_arc = None if areas else memory.upload(device, _half_arcs(of_map.row_angles, width, resolution))
     tiles = disc_tiles(resolution, lanes, 1)
     tile_buffer = memory.upload(device, tiles)
@@ -103,7 +103,7 @@ def exact(
                 radiance=of_map.radiance,
                 theta=rows,
                 phi=of_map.phi,
-                scale=weight,
+                row_weight=row_weight,
                 width=width,
                 first=first,
                 arcs=arcs,

@@ -29,14 +29,14 @@ class ProductCDFs:
     """CDFs of all tiles over the cells of a map, and of all cells over their pixels."""
 
     tile_size: int
-    tile_column_cdf: DeviceArray  # (T, T, cells down, cells across) uint32
-    tile_row_cdf: DeviceArray  # (T, T, cells down) uint32
-    tiles: DeviceArray  # (T, T, 4) float32, mean normal and reach
+    tile_row_cdf: DeviceArray  # (T, T, cells down, cells across) uint32
+    tile_marginal_cdf: DeviceArray  # (T, T, cells down) uint32
+    tile_cones: DeviceArray  # (T, T, 4) float32, mean normal and reach
     tile_total: DeviceArray  # (T, T) float32
     cell_size: tuple[int, int]  # pixels across and down
-    column_cdf: DeviceArray  # (H, W) uint32
-    row_cdf: DeviceArray  # (cells across, H) uint32
-    lights: DeviceArray  # (cells down, cells across, 4) float32, mean direction and reach
+    cell_row_cdf: DeviceArray  # (H, W) uint32
+    cell_marginal_cdf: DeviceArray  # (cells across, H) uint32
+    cell_cones: DeviceArray  # (cells down, cells across, 4) float32, mean direction and reach
 
     def lit(self, device: Device, disc: np.ndarray) -> np.ndarray:
         """The pixels (x, y) of ``disc`` whose tile sees light; those of a tile, which share its CDFs, side by side."""
@@ -57,10 +57,10 @@ def build_product_cdfs(distribution: Distribution, resolution: int) -> ProductCD
     device, of_map = distribution.device, distribution.map
     cell_size = -(-of_map.width // CELLS[0]), -(-of_map.height // CELLS[1])
     across, down = -(-of_map.width // cell_size[0]), -(-of_map.height // cell_size[1])
-    column_cdf = memory.empty(device, (of_map.height, of_map.width), np.uint32)
-    row_cdf = memory.empty(device, (across, of_map.height), np.uint32)
+    cell_row_cdf = memory.empty(device, (of_map.height, of_map.width), np.uint32)
+    cell_marginal_cdf = memory.empty(device, (across, of_map.height), np.uint32)
     flux = memory.empty(device, (down, across), np.float32)
-    lights = memory.empty(device, (down, across, 4), np.float32)
+    cell_cones = memory.empty(device, (down, across, 4), np.float32)
     device.launch(
         "rendering/cells",
         (across, down),
@@ -71,40 +71,40 @@ def build_product_cdfs(distribution: Distribution, resolution: int) -> ProductCD
         height=of_map.height,
         size=cell_size,
         scale=of_map.scale,
-        column_cdf=column_cdf,
-        row_cdf=row_cdf,
+        cell_row_cdf=cell_row_cdf,
+        cell_marginal_cdf=cell_marginal_cdf,
         flux=flux,
-        lights=lights,
+        cell_cones=cell_cones,
     )
 
     tile_size = -(-resolution // TILES)
     count = -(-resolution // tile_size)
-    tiles = memory.empty(device, (count, count, 4), np.float32)
+    tile_cones = memory.empty(device, (count, count, 4), np.float32)
     tile_total = memory.zeros(device, (count, count), np.float32)
-    tile_column_cdf = memory.empty(device, (count, count, down, across), np.uint32)
-    tile_row_cdf = memory.empty(device, (count, count, down), np.uint32)
+    tile_row_cdf = memory.empty(device, (count, count, down, across), np.uint32)
+    tile_marginal_cdf = memory.empty(device, (count, count, down), np.uint32)
     device.launch(
         "rendering/product_cdf",
         (count, count),
         stage="product cdf",
         flux=flux,
-        lights=lights,
+        cell_cones=cell_cones,
         cells=(across, down),
         tile_size=tile_size,
         resolution=resolution,
-        tiles=tiles,
+        tile_cones=tile_cones,
         total=tile_total,
-        column_cdf=tile_column_cdf,
-        row_cdf=tile_row_cdf,
+        tile_row_cdf=tile_row_cdf,
+        tile_marginal_cdf=tile_marginal_cdf,
     )
     return ProductCDFs(
         tile_size=tile_size,
-        tile_column_cdf=tile_column_cdf,
         tile_row_cdf=tile_row_cdf,
-        tiles=tiles,
+        tile_marginal_cdf=tile_marginal_cdf,
+        tile_cones=tile_cones,
         tile_total=tile_total,
         cell_size=cell_size,
-        column_cdf=column_cdf,
-        row_cdf=row_cdf,
-        lights=lights,
+        cell_row_cdf=cell_row_cdf,
+        cell_marginal_cdf=cell_marginal_cdf,
+        cell_cones=cell_cones,
     )

@@ -704,12 +704,16 @@ FAULTS: list[Fault] = [
     kernel(
         "product_cdf: cells' axes swapped",
         "product_cdf.cl",
-        "const uint cell = j * cells.x + i;\n            const float4 light = lights[cell];",
-        "const uint cell = j * cells.x + i;\nconst float4 light = lights[i % cells.y * cells.x + j % cells.x];",
+        "const uint cell = j * cells.x + i;\n            const float4 cell_cone = cell_cones[cell];",
+        "const uint cell = j * cells.x + i;\nconst float4 cell_cone = cell_cones[i % cells.y * cells.x + j % cells.x];",
         "x for y",
     ),
     kernel(
-        "product_cdf: reach of the axis alone", "product_cdf.cl", "tile.w + light.w)", "light.w)", "half of the bound"
+        "product_cdf: reach of the axis alone",
+        "product_cdf.cl",
+        "tile_cone.w + cell_cone.w)",
+        "cell_cone.w)",
+        "half of the bound",
     ),
     kernel(
         "product_cdf: pixels outside the disc count",
