@@ -134,7 +134,7 @@ def measure_limits(device: Device) -> Limits:
 def copy(device: Device, size: int) -> tuple[np.ndarray, float]:
     """Copy ``size`` bytes, a multiple of COPY_UNIT: what arrived, float32, and the median seconds."""
     run, target = _copies(device, size)
-    seconds = _median(run)
+    seconds = _warm_median(run)
     return memory.download(device, target), seconds
 
 
@@ -155,7 +155,7 @@ def multiply_add(device: Device, steps: int) -> tuple[np.ndarray, float]:
     result = memory.empty(device, (device.handle.max_compute_units * ITEMS_A_UNIT, 16), np.float32)
     arguments = {"factor": 1, "term": 1, "steps": steps, "result": result}
     chains = {"CHAINS": _chains(device)}
-    seconds = _median(lambda: _seconds(device, "limits/multiply_add", result.shape[:1], chains, **arguments))
+    seconds = _warm_median(lambda: _seconds(device, "limits/multiply_add", result.shape[:1], chains, **arguments))
     return memory.download(device, result), seconds
 
 
@@ -175,7 +175,7 @@ def _chains(device: Device) -> int:
     return 1 if device.is_gpu else CHAINS
 
 
-def _median(run: Callable[[], float]) -> float:
+def _warm_median(run: Callable[[], float]) -> float:
     """The median of the seconds that ``run`` returns, after a warm-up."""
     run()
     return statistics.median(run() for _ in range(LIMIT_REPEATS))

@@ -89,9 +89,8 @@ def regions(distribution: Distribution, count: int) -> np.ndarray:
     count = checks.whole("the number of lights", count, 1, MAX_LIGHTS)
     if distribution.total == 0:
         raise LightdomeError(BLACK)
-    device, envmap = distribution.device, distribution.envmap
+    device, of_map = distribution.device, distribution.map
     table, lit, count = _table(distribution, count)
-    edge_sine = memory.upload(device, np.sin(np.pi * np.arange(envmap.height + 1) / envmap.height).astype(np.float32))
     region = memory.empty(device, (count, 4), np.uint32)
     device.launch(
         "lighting/median_cut",
@@ -99,9 +98,9 @@ def regions(distribution: Distribution, count: int) -> np.ndarray:
         stage="median cut",
         energy=table,
         lit=lit,
-        edge_sine=edge_sine,
-        width=envmap.width,
-        height=envmap.height,
+        edge_sine=of_map.edge_sine,
+        width=of_map.width,
+        height=of_map.height,
         light_count=count,
         region=region,
     )

@@ -59,13 +59,18 @@ def shade(
     A pixel is albedo / pi times the sum of flux max(0, n . direction); outside the disc it is 0. What exceeds
     float32's largest number becomes that number.
     Raises :class:`LightdomeError` for a resolution outside 1 to 16384, an albedo that is negative or not finite,
-    directions that are no unit vectors, and fluxes that are negative or not finite.
+    directions that are no unit vectors, fluxes that are negative or not finite, and a flux beside lights.
     """
     checks.instance("the device", device, Device)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
     brute_force = checks.flag("brute_force", brute_force)
+    has_lights = hasattr(direction, "direction") and hasattr(direction, "flux")
+    if has_lights and flux is not None:
+        raise LightdomeError(
+            f"lights have a flux of their own, got {checks.told(flux)} as another; name what follows, as resolution=255"
+        )
     if flux is None:
-        if not (hasattr(direction, "direction") and hasattr(direction, "flux")):
+        if not has_lights:
             raise LightdomeError(f"expected lights, or directions and fluxes, got {checks.told(direction)} alone")
         direction, flux = direction.direction, direction.flux
     return _shade(device, *checks.lights(direction, flux), resolution, albedo, brute_force)

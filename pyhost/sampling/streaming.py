@@ -22,7 +22,7 @@ from ..opencl.device import Device
 from ..opencl.memory import DeviceArray
 from ..progress import Progress
 from .cdf import MapCDF, build_marginal_cdf, build_row_cdfs
-from .device_map import DeviceMap, range_scale
+from .device_map import DeviceMap, range_scale, upload_sines
 from .draw import BLACK, MAX_COUNT, OUTPUTS, Points, drawn, given_points, is_guided, sequence_points
 from .samples import Samples
 
@@ -59,7 +59,7 @@ def sample_file(
     scale = range_scale(inspection.peak)
     if scale != 1:
         row_sums = _row_sums(device, image, scale, Inspection(sanitize, image.largest))
-    sin_theta = memory.upload(device, np.sin(row_angles(image.height)).astype(np.float32))
+    sin_theta = upload_sines(device, row_angles(image.height))
     marginal, total = build_marginal_cdf(device, memory.upload(device, row_sums), sin_theta)
     if total == 0:
         raise LightdomeError(BLACK)

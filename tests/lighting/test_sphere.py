@@ -86,8 +86,9 @@ def test_lights_are_their_directions_and_fluxes(device: Device, stiff: Environme
     for wrong in (samples.direction, None):
         with pytest.raises(LightdomeError, match="expected lights, or directions and fluxes"):
             shade(device, wrong)
-    with pytest.raises(LightdomeError, match="direction"):
-        shade(device, samples, samples.flux)
+    for flux in (samples.flux, 255):
+        with pytest.raises(LightdomeError, match=r"lights have a flux of their own, got .* as resolution=255"):
+            shade(device, samples, flux)
 
 
 @pytest.mark.parametrize("pixels", ["centres", "areas"])
