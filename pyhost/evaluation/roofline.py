@@ -40,7 +40,7 @@ COPY_BYTES = tuple(2**k for k in (21, 23, 25, 27, 29))  # read and written toget
 COPY_BLOCK = 2048  # vectors of 4 floats that a work-item of a CPU copies
 COPY_UNIT = 16 * COPY_BLOCK  # bytes
 CHAINS = 8  # vectors of 16 multiply-adds under way in a work-item of a CPU
-ITEMS_A_UNIT = 1024  # work-items of multiply_add.cl a compute unit
+ITEMS_PER_UNIT = 1024  # work-items of multiply_add.cl a compute unit
 STEPS = 2**14  # sums of the chains stay whole numbers in float32
 LIMIT_REPEATS = 9
 LAUNCHES = 101
@@ -152,7 +152,7 @@ def _copies(device: Device, size: int) -> tuple[Callable[[], float], DeviceArray
 
 def multiply_add(device: Device, steps: int) -> tuple[np.ndarray, float]:
     """Count to ``steps`` in many chains: sums of lanes, (items, 16) float32, and the median seconds."""
-    result = memory.empty(device, (device.handle.max_compute_units * ITEMS_A_UNIT, 16), np.float32)
+    result = memory.empty(device, (device.handle.max_compute_units * ITEMS_PER_UNIT, 16), np.float32)
     arguments = {"factor": 1, "term": 1, "steps": steps, "result": result}
     chains = {"CHAINS": _chains(device)}
     seconds = _warm_median(lambda: _seconds(device, "limits/multiply_add", result.shape[:1], chains, **arguments))

@@ -26,8 +26,8 @@ from .exact import exact
 
 LANES = 16  # pixels across a tile, and lights in a vector, see clkernels/shade_tiles.cl
 TILE_ROWS = 16
-PAIRS_A_LAUNCH = 2**33  # pixels x lights between two updates of the progress line
-SAMPLES_A_ROW = 320  # of a map, from which on an image of the map is made sooner than one of the samples
+PAIRS_PER_LAUNCH = 2**33  # pixels x lights between two updates of the progress line
+SAMPLES_PER_ROW = 320  # of a map, from which on an image of the map is made sooner than one of the samples
 
 
 class HasLights(Protocol):
@@ -119,7 +119,7 @@ def _shade(
         (len(tiles),),
         stage="shade",
         defines=defines,
-        step=device.items_a_launch(PAIRS_A_LAUNCH, len(light) * pixels * rows),
+        step=device.items_per_launch(PAIRS_PER_LAUNCH, len(light) * pixels * rows),
         progress="shading the sphere",
         tiles=memory.upload(device, tiles),
         **lights,
@@ -181,8 +181,8 @@ def shade_samples(device: Device, samples: Samples, resolution: int = 511, albed
     checks.instance("samples", samples, Samples)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
     height, width = samples.map_shape
-    a_light_each, why = "a light for each sample", f"there are fewer than {SAMPLES_A_ROW} per row of the map"
-    if len(samples) >= SAMPLES_A_ROW * height:
+    a_light_each, why = "a light for each sample", f"there are fewer than {SAMPLES_PER_ROW} per row of the map"
+    if len(samples) >= SAMPLES_PER_ROW * height:
         index = samples.pixel[:, 1].astype(np.int64) * width + samples.pixel[:, 0]
         flux = np.stack([np.bincount(index, of_channel, height * width) for of_channel in samples.flux.T], axis=1)
         radiance = flux.reshape(height, width, 3) / solid_angles(height, width)[:, None, None]

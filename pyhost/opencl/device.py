@@ -83,9 +83,9 @@ class Device:
         """Whether kernels can work on the host's memory in place."""
         return bool(self.handle.type & cl.device_type.CPU)
 
-    def items_a_launch(self, work: int, work_an_item: int) -> int:
+    def items_per_launch(self, work: int, work_per_item: int) -> int:
         """How many work-items make a launch of about ``work``, at least one: longer work takes several launches."""
-        return max(1, work // work_an_item)
+        return max(1, work // work_per_item)
 
     def kernel(self, name: str, **defines: int) -> Kernel:
         """The kernel ``name`` of the source file ``clkernels/name.cl``, built once per set of ``defines``."""
@@ -112,7 +112,7 @@ class Device:
         - ``stage``: its name in the profile, else the kernel's
         - ``defines``: what the kernel is built with
         - ``group``: work-items per group, for a kernel whose work-items do little and ignore those beyond their number
-        - ``step``: work-items per launch, see :meth:`items_a_launch`; several launches run one after the other, and
+        - ``step``: work-items per launch, see :meth:`items_per_launch`; several launches run one after the other, and
           the line ``progress`` says how far they are
 
         Raises ``TypeError`` for arguments that are not those of the kernel, ``ValueError`` for an empty size, for a

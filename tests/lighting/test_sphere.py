@@ -12,7 +12,7 @@ from lightdome.lighting.exact import PIXELS, exact
 from lightdome.lighting.harmonics import project
 from lightdome.lighting.horizon import horizon_tables
 from lightdome.lighting.lights import Lights
-from lightdome.lighting.shade import SAMPLES_A_ROW, shade, shade_samples
+from lightdome.lighting.shade import SAMPLES_PER_ROW, shade, shade_samples
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.opencl.device import Device
 from lightdome.sampling.distribution import build_distribution
@@ -204,7 +204,7 @@ def test_no_light_is_black(device: Device) -> None:
     assert not image.any()
 
 
-@pytest.mark.parametrize("count", [21 * SAMPLES_A_ROW - 1, 21 * SAMPLES_A_ROW, 40_000])
+@pytest.mark.parametrize("count", [21 * SAMPLES_PER_ROW - 1, 21 * SAMPLES_PER_ROW, 40_000])
 def test_samples_that_share_pixels_give_the_same_image(device: Device, stiff: EnvironmentMap, count: int) -> None:
     samples = build_distribution(device, stiff).sample(count, seed=4)
     image = shade_samples(device, samples, 33, albedo=0.6)
