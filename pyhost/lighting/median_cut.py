@@ -2,7 +2,7 @@
 
 The map is cut into N rectangles of equal energy, and each becomes one light with the rectangle's whole
 flux, in the direction of its centroid. Source: Debevec, A Median Cut Algorithm for Light Probe
-Sampling (2005). It differs from the paper where the paper leaves off:
+Sampling (2005). It extends the paper:
 
 - N need not be a power of two: a region for n lights is cut at floor(n / 2) / n of its energy, and its parts
   share the n lights by what they hold. For powers of two these are the paper's medians.

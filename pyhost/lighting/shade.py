@@ -27,7 +27,7 @@ from .exact import exact
 LANES = 16  # pixels across a tile, and lights in a vector, see clkernels/shade_tiles.cl
 TILE_ROWS = 16
 PAIRS_PER_LAUNCH = 2**33  # pixels x lights between two updates of the progress line
-SAMPLES_PER_ROW = 320  # of a map, from which on an image of the map is made sooner than one of the samples
+SAMPLES_PER_ROW = 320  # samples per map row above which shading the summed map is faster
 
 
 class HasLights(Protocol):
@@ -98,12 +98,12 @@ def _shade(
     else:
         device.decisions.use("separate channels", "the lights are in colour")
     light = np.concatenate([direction, reflected], axis=1, dtype=np.float32, casting="same_kind")
-    # One place decides: a CPU skips pairs of pixel and light tile by tile, a GPU has a pixel a work-item.
+    # One place decides: a CPU skips pairs of pixel and light tile by tile, a GPU has one work-item per pixel.
     if brute_force or device.is_gpu:
         pixels, rows = device.vector_width, 1
         kernel, defines = "lighting/shade", {"PIXELS": pixels, "ROWS": rows, **defines}
         lights: dict[str, Argument] = {"lights": memory.upload(device, light), "light_count": len(light)}
-        why = "it was asked for" if brute_force else "a GPU has a pixel a work-item"
+        why = "it was asked for" if brute_force else "a GPU has one work-item per pixel"
         device.decisions.use("brute force over pairs of pixel and light", why)
     else:
         pixels, rows = LANES, TILE_ROWS

@@ -46,8 +46,8 @@ FASTER = "apt-get install pocl-opencl-icd, or see Devices in the README"
 class Device:
     """An open OpenCL device: its context and queue, its kernels, and what its stages cost.
 
-    ``vector_width`` is the number of pixels that a work-item handles at once: 16 on a CPU, where
-    explicit vectors are what fills the machine, 1 on a GPU.
+    ``vector_width`` is the number of pixels that a work-item handles at once: 16 on a CPU, which
+    needs explicit vectors to reach full speed, 1 on a GPU.
     """
 
     handle: cl.Device
@@ -65,7 +65,7 @@ class Device:
 
     @property
     def note(self) -> str | None:
-        """A remark on a device that is slow for its machine, and what helps; else None."""
+        """A warning, with a remedy, if the device is slow for this machine; else None."""
         return _slow(self.rates)
 
     @property

@@ -22,17 +22,17 @@ from .samples import SEQUENCES
 MAX_COUNT = 2**31 - 1
 SAMPLES_PER_LAUNCH = 2**22  # between two updates of the progress line
 SAMPLES_PER_BLOCK = 256  # that a work-item of a CPU draws side by side
-SAMPLES_PER_PIXEL = 1 / 8  # of the map, from which on a guide pays for itself
+SAMPLES_PER_PIXEL = 1 / 8  # samples per map pixel above which guide tables pay off
 BLACK = "the map is black everywhere, so there is no light to sample; use another map"
 
-# What is known of a sample: floats or integers, and how many.
+# Outputs of a draw: shape per sample, and type.
 OUTPUTS: dict[str, tuple[tuple[int, ...], type]] = {
     "direction": ((3,), np.float32),
     "radiance": ((3,), np.float32),
     "pixel": ((2,), np.int32),
     "probability": ((), np.float32),
 }
-PIXELS = ("pixel", "probability")  # those that the kernel writes alone
+PIXELS = ("pixel", "probability")  # the outputs of sample_pixels.cl
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Points:
 
 
 def sequence_points(count: int, seed: int, sequence: str) -> Points:
-    """The points of a ``sequence``. Raises :class:`LightdomeError` for a seed, sequence or count that there is not."""
+    """The points of a ``sequence``. Raises :class:`LightdomeError` for an invalid seed, sequence or count."""
     key = philox_key(seed)
     checks.choice("sequence", sequence, SEQUENCES)
     count = checks.whole("the number of samples", count, 1, MAX_COUNT)

@@ -1,6 +1,6 @@
 """Guide tables: searches of a map's CDFs that begin where they nearly end.
 
-Worth their while for many samples only. Kernel: ``guide.cl``; ``guided.clh`` is what searches.
+They pay off only for many samples. Kernel: ``guide.cl``; ``guided.clh`` is what searches.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Samples of a map that stays in its file: memory for bands of its rows, however large it is.
 
 The CDF over rows needs the sum of every row and no pixel after that, so the file is read once, band by band, and
-nothing of a band is kept but its sums. That CDF says which rows the samples fall into. Those alone are read
+only the sums of each band are kept. That CDF says which rows the samples fall into. Those alone are read
 again and have CDFs built. The samples are those of :meth:`lightdome.Distribution.sample`, bit for bit.
 Kernels: those of :mod:`lightdome.sampling.distribution`, and ``choose_rows.cl``.
 """
@@ -26,7 +26,9 @@ from .device_map import DeviceMap, range_scale, upload_sines
 from .draw import BLACK, MAX_COUNT, OUTPUTS, Points, drawn, given_points, is_guided, sequence_points
 from .samples import Samples
 
-GROUP = 64  # work-items a group: where it may choose, PoCL takes another size for nearly every count, and compiles anew
+GROUP = (
+    64  # work-items per group: where it may choose, PoCL takes another size for nearly every count, and compiles anew
+)
 
 
 def sample_file(
