@@ -26,7 +26,7 @@ CHROMA_IS_HIDDEN = oiio.VERSION < 30200  # by OpenImageIO, whose versions before
 class SmallLaunches:
     """Of a device: launches have three work-items at most, or three samples per pixel. All work is long work."""
 
-    def items_a_launch(self, work: int, work_an_item: int) -> int:
+    def items_per_launch(self, work: int, work_per_item: int) -> int:
         return 3
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ..maps.images import ImageRows
     from ..opencl.device import Device
 
-BYTES_A_PIXEL = 50  # of the map in the host's memory, at the peak: map, CDFs, pictures and marks
+BYTES_PER_PIXEL = 50  # of the map in the host's memory, at the peak: map, CDFs, pictures and marks
 
 
 def main() -> None:
@@ -67,7 +67,7 @@ def main() -> None:
     else:
         large = f"not enough memory for a {image.width} x {image.height} map; use --samples-only"
         here = device.handle
-        room = here.global_mem_size / BYTES_A_PIXEL if device.shares_host_memory else here.max_mem_alloc_size / 12
+        room = here.global_mem_size / BYTES_PER_PIXEL if device.shares_host_memory else here.max_mem_alloc_size / 12
         if image.width * image.height > room:
             raise LightdomeError(large)
         try:

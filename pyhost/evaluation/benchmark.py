@@ -101,7 +101,7 @@ def methods(device: Device, envmap: EnvironmentMap, resolution: int) -> dict[str
 
     def cut(count: int, seed: int) -> np.ndarray:
         lights = median_cut(build_distribution(device, envmap), count)
-        return shade(device, lights.direction, lights.flux, resolution)
+        return shade(device, lights, resolution=resolution)
 
     def harmonics(order: int, seed: int) -> np.ndarray:
         return shade_harmonics(device, project(device, envmap, order), resolution)

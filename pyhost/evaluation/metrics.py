@@ -1,4 +1,7 @@
-"""How far an image is off, how fast that falls, and what comes out ahead: each figure is defined here, once."""
+"""Error metrics, convergence rates, and comparisons of methods.
+
+(:mod:`lightdome.reference` has an independent relative RMSE.)
+"""
 
 from __future__ import annotations
 

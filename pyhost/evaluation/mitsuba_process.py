@@ -1,6 +1,6 @@
 """Mitsuba 3 in a process of its own: an object lives there, and its methods are called from here.
 
-A process of its own, because an LLVM that Dr.Jit takes may still abort: LLVM 15 and 16 lack what Dr.Jit's
+A separate process, because the LLVM that Dr.Jit loads may abort: LLVM 15 and 16 lack what Dr.Jit's
 code needs on some processors.
 """
 

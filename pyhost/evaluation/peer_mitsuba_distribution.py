@@ -14,7 +14,7 @@ from .. import reference
 from ..checks import made
 from ..disc import disc_mask
 from ..errors import LightdomeError
-from ..maps.geometry import column_angles, row_angles, solid_angles
+from ..maps.geometry import column_angles, directions, row_angles, solid_angles
 from ..sampling.samples import Samples
 from .mitsuba_process import INSTALL, MitsubaProcess, installed, use_variant
 
@@ -71,15 +71,7 @@ class MitsubaSampler:
         """``count`` samples of points that numpy draws, 24 bits each."""
         height, width = self._radiance.shape[:2]
         x, y, p = self._process.call("draw", count, seed, timeout=TIMEOUT)
-        sine = np.sin(row_angles(height))[y]
-        direction = np.stack(
-            [
-                sine * np.cos(column_angles(width))[x],
-                np.cos(row_angles(height))[y],
-                sine * np.sin(column_angles(width))[x],
-            ],
-            axis=1,
-        )
+        direction = directions(row_angles(height)[y], column_angles(width)[x])
         return made(  # unchecked: whether they are right is the question
             Samples,
             direction=direction.astype(np.float32),

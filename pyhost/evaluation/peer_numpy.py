@@ -17,7 +17,7 @@ from .. import reference
 from ..disc import disc_mask
 from ..maps.geometry import directions
 
-PAIRS_A_CHUNK = 2**18  # 1 MB of cosines; a BLAS product much larger starts threads of its own
+PAIRS_PER_CHUNK = 2**18  # 1 MB of cosines; a BLAS product much larger starts threads of its own
 
 
 def draw(radiance: np.ndarray, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -54,7 +54,7 @@ def shade(direction: np.ndarray, flux: np.ndarray, resolution: int) -> np.ndarra
     towards = np.ascontiguousarray(direction.T, dtype=np.float32)
     flux = (flux / np.pi).astype(np.float32)
     pixels = np.empty((len(normal), 3), np.float32)
-    step = max(16, PAIRS_A_CHUNK // len(direction))
+    step = max(16, PAIRS_PER_CHUNK // len(direction))
 
     def part(begin: int) -> None:
         cosine = normal[begin : begin + step] @ towards

@@ -38,12 +38,12 @@ class PbrtPeer:
 
     def __init__(self, path: str | Path | None, envmap: EnvironmentMap) -> None:
         self.program: Pbrt = find_pbrt(path)
-        self.startup_seconds: float = _median(lambda: find_pbrt(self.program.path))  # runs an empty scene
+        self.startup_seconds: float = _median_seconds(lambda: find_pbrt(self.program.path))  # runs an empty scene
         self._folder = Path(tempfile.mkdtemp(prefix="lightdome-"))
         weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
         (first,) = write_scenes(self._folder, envmap, [1], versions=[self.program.version])
         self._exponent = first.exponent
-        self._scene_seconds = max(_median(lambda: self._process(1, 1, 0)) - self.startup_seconds, 0.0)
+        self._scene_seconds = max(_median_seconds(lambda: self._process(1, 1, 0)) - self.startup_seconds, 0.0)
 
     def render(self, resolution: int, spp: int, seed: int) -> tuple[np.ndarray, dict[str, float]]:
         """The image (R, R, 3) float32 and the seconds of its stages, start-up subtracted; version 3 has no seed.
@@ -65,8 +65,8 @@ class PbrtPeer:
         return render_scene(self.program, scene, quiet=True)
 
 
-def _median(run: Callable[[], object]) -> float:
-    """The median time of :data:`STARTS` runs, seconds."""
+def _median_seconds(run: Callable[[], object]) -> float:
+    """The median wall time of :data:`STARTS` runs, seconds."""
     seconds = []
     for _ in range(STARTS):
         start = time.perf_counter()

@@ -40,7 +40,7 @@ COPY_BYTES = tuple(2**k for k in (21, 23, 25, 27, 29))  # read and written toget
 COPY_BLOCK = 2048  # vectors of 4 floats that a work-item of a CPU copies
 COPY_UNIT = 16 * COPY_BLOCK  # bytes
 CHAINS = 8  # vectors of 16 multiply-adds under way in a work-item of a CPU
-ITEMS_A_UNIT = 1024  # work-items of multiply_add.cl a compute unit
+ITEMS_PER_UNIT = 1024  # work-items of multiply_add.cl per compute unit
 STEPS = 2**14  # sums of the chains stay whole numbers in float32
 LIMIT_REPEATS = 9
 LAUNCHES = 101
@@ -134,7 +134,7 @@ def measure_limits(device: Device) -> Limits:
 def copy(device: Device, size: int) -> tuple[np.ndarray, float]:
     """Copy ``size`` bytes, a multiple of COPY_UNIT: what arrived, float32, and the median seconds."""
     run, target = _copies(device, size)
-    seconds = _median(run)
+    seconds = _warm_median(run)
     return memory.download(device, target), seconds
 
 
@@ -152,10 +152,10 @@ def _copies(device: Device, size: int) -> tuple[Callable[[], float], DeviceArray
 
 def multiply_add(device: Device, steps: int) -> tuple[np.ndarray, float]:
     """Count to ``steps`` in many chains: sums of lanes, (items, 16) float32, and the median seconds."""
-    result = memory.empty(device, (device.handle.max_compute_units * ITEMS_A_UNIT, 16), np.float32)
+    result = memory.empty(device, (device.handle.max_compute_units * ITEMS_PER_UNIT, 16), np.float32)
     arguments = {"factor": 1, "term": 1, "steps": steps, "result": result}
     chains = {"CHAINS": _chains(device)}
-    seconds = _median(lambda: _seconds(device, "limits/multiply_add", result.shape[:1], chains, **arguments))
+    seconds = _warm_median(lambda: _seconds(device, "limits/multiply_add", result.shape[:1], chains, **arguments))
     return memory.download(device, result), seconds
 
 
@@ -175,7 +175,7 @@ def _chains(device: Device) -> int:
     return 1 if device.is_gpu else CHAINS
 
 
-def _median(run: Callable[[], float]) -> float:
+def _warm_median(run: Callable[[], float]) -> float:
     """The median of the seconds that ``run`` returns, after a warm-up."""
     run()
     return statistics.median(run() for _ in range(LIMIT_REPEATS))

@@ -21,6 +21,7 @@ import numpy as np
 from ..disc import disc_mask
 from ..lighting.exact import exact
 from ..lighting.harmonics import Harmonics, project, shade_harmonics
+from ..lighting.lights import Lights
 from ..lighting.median_cut import median_cut
 from ..lighting.shade import shade
 from ..maps.envmap import EnvironmentMap
@@ -172,11 +173,11 @@ class MapStages:
 
 def shading(device: Device, distribution: Distribution, N: int, resolution: int) -> Iterator[Stage]:
     """The sphere lit by N samples: as it is done, and by evaluating every pair of pixel and light."""
-    samples = distribution.sample(N)
+    lights = Lights.of(distribution.sample(N))
     pairs = float(N) * int(disc_mask(resolution).sum())
     for brute_force in (False, True):
         work = Work(12 * resolution**2 + 24 * N, PAIR * pairs, pairs, "pairs", pairs, skips=not brute_force)
-        run = partial(shade, device, samples.direction, samples.flux, resolution, brute_force=brute_force)
+        run = partial(shade, device, lights, resolution=resolution, brute_force=brute_force)
         yield Stage("shade brute force" if brute_force else "shade", run, work, resolution=resolution, N=N)
 
 

@@ -29,7 +29,7 @@ from ..opencl.device import Device
 from ..sampling.device_map import DeviceMap
 
 MAX_ORDER = 64  # float32 holds p_lm / sin^m(theta) up to about 90
-TERMS_A_LAUNCH = 2**33  # pixels x coefficients, a second or so
+TERMS_PER_LAUNCH = 2**33  # pixels x coefficients, a second or so
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ def shade_harmonics(device: Device, harmonics: Harmonics, resolution: int = 511,
         "lighting/harmonics",
         (len(tiles),),
         defines={"PIXELS": pixels},
-        step=device.items_a_launch(TERMS_A_LAUNCH, len(table) * pixels),
+        step=device.items_per_launch(TERMS_PER_LAUNCH, len(table) * pixels),
         progress="shading the sphere",
         tiles=tile_buffer,
         terms=term_buffer,

@@ -2,7 +2,7 @@
 
 The map is cut into N rectangles of equal energy, and each becomes one light with the rectangle's whole
 flux, in the direction of its centroid. Source: Debevec, A Median Cut Algorithm for Light Probe
-Sampling (2005). It differs from the paper where the paper leaves off:
+Sampling (2005). It extends the paper:
 
 - N need not be a power of two: a region for n lights is cut at floor(n / 2) / n of its energy, and its parts
   share the n lights by what they hold. For powers of two these are the paper's medians.
@@ -89,9 +89,8 @@ def regions(distribution: Distribution, count: int) -> np.ndarray:
     count = checks.whole("the number of lights", count, 1, MAX_LIGHTS)
     if distribution.total == 0:
         raise LightdomeError(BLACK)
-    device, envmap = distribution.device, distribution.envmap
+    device, of_map = distribution.device, distribution.map
     table, lit, count = _table(distribution, count)
-    edge_sine = memory.upload(device, np.sin(np.pi * np.arange(envmap.height + 1) / envmap.height).astype(np.float32))
     region = memory.empty(device, (count, 4), np.uint32)
     device.launch(
         "lighting/median_cut",
@@ -99,9 +98,9 @@ def regions(distribution: Distribution, count: int) -> np.ndarray:
         stage="median cut",
         energy=table,
         lit=lit,
-        edge_sine=edge_sine,
-        width=envmap.width,
-        height=envmap.height,
+        edge_sine=of_map.edge_sine,
+        width=of_map.width,
+        height=of_map.height,
         light_count=count,
         region=region,
     )

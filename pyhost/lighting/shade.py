@@ -26,8 +26,8 @@ from .exact import exact
 
 LANES = 16  # pixels across a tile, and lights in a vector, see clkernels/lighting/shade_tiles.cl
 TILE_ROWS = 16
-PAIRS_A_LAUNCH = 2**33  # pixels x lights between two updates of the progress line
-SAMPLES_A_ROW = 320  # of a map, from which on an image of the map is made sooner than one of the samples
+PAIRS_PER_LAUNCH = 2**33  # pixels x lights between two updates of the progress line
+SAMPLES_PER_ROW = 320  # samples per map row above which shading the summed map is faster
 
 
 class HasLights(Protocol):
@@ -59,13 +59,18 @@ def shade(
     A pixel is albedo / pi times the sum of flux max(0, n . direction); outside the disc it is 0. What exceeds
     float32's largest number becomes that number.
     Raises :class:`LightdomeError` for a resolution outside 1 to 16384, an albedo that is negative or not finite,
-    directions that are no unit vectors, and fluxes that are negative or not finite.
+    directions that are no unit vectors, fluxes that are negative or not finite, and a flux beside lights.
     """
     checks.instance("the device", device, Device)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
     brute_force = checks.flag("brute_force", brute_force)
+    has_lights = hasattr(direction, "direction") and hasattr(direction, "flux")
+    if has_lights and flux is not None:
+        raise LightdomeError(
+            f"lights have a flux of their own, got {checks.told(flux)} as another; name what follows, as resolution=255"
+        )
     if flux is None:
-        if not (hasattr(direction, "direction") and hasattr(direction, "flux")):
+        if not has_lights:
             raise LightdomeError(f"expected lights, or directions and fluxes, got {checks.told(direction)} alone")
         direction, flux = direction.direction, direction.flux
     return _shade(device, *checks.lights(direction, flux), resolution, albedo, brute_force)
@@ -93,12 +98,12 @@ def _shade(
     else:
         device.decisions.use("separate channels", "the lights are in colour")
     light = np.concatenate([direction, reflected], axis=1, dtype=np.float32, casting="same_kind")
-    # One place decides: a CPU skips pairs of pixel and light tile by tile, a GPU has a pixel a work-item.
+    # One place decides: a CPU skips pairs of pixel and light tile by tile, a GPU has one work-item per pixel.
     if brute_force or device.is_gpu:
         pixels, rows = device.vector_width, 1
         kernel, defines = "lighting/shade", {"PIXELS": pixels, "ROWS": rows, **defines}
         lights: dict[str, Argument] = {"lights": memory.upload(device, light), "light_count": len(light)}
-        why = "it was asked for" if brute_force else "a GPU has a pixel a work-item"
+        why = "it was asked for" if brute_force else "a GPU has one work-item per pixel"
         device.decisions.use("brute force over pairs of pixel and light", why)
     else:
         pixels, rows = LANES, TILE_ROWS
@@ -114,7 +119,7 @@ def _shade(
         (len(tiles),),
         stage="shade",
         defines=defines,
-        step=device.items_a_launch(PAIRS_A_LAUNCH, len(light) * pixels * rows),
+        step=device.items_per_launch(PAIRS_PER_LAUNCH, len(light) * pixels * rows),
         progress="shading the sphere",
         tiles=memory.upload(device, tiles),
         **lights,
@@ -176,8 +181,8 @@ def shade_samples(device: Device, samples: Samples, resolution: int = 511, albed
     checks.instance("samples", samples, Samples)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
     height, width = samples.map_shape
-    a_light_each, why = "a light for each sample", f"there are fewer than {SAMPLES_A_ROW} per row of the map"
-    if len(samples) >= SAMPLES_A_ROW * height:
+    a_light_each, why = "a light for each sample", f"there are fewer than {SAMPLES_PER_ROW} per row of the map"
+    if len(samples) >= SAMPLES_PER_ROW * height:
         index = samples.pixel[:, 1].astype(np.int64) * width + samples.pixel[:, 0]
         flux = np.stack([np.bincount(index, of_channel, height * width) for of_channel in samples.flux.T], axis=1)
         radiance = flux.reshape(height, width, 3) / solid_angles(height, width)[:, None, None]

@@ -46,8 +46,8 @@ FASTER = "apt-get install pocl-opencl-icd, or see Devices in the README"
 class Device:
     """An open OpenCL device: its context and queue, its kernels, and what its stages cost.
 
-    ``vector_width`` is the number of pixels that a work-item handles at once: 16 on a CPU, where
-    explicit vectors are what fills the machine, 1 on a GPU.
+    ``vector_width`` is the number of pixels that a work-item handles at once: 16 on a CPU, which
+    needs explicit vectors to reach full speed, 1 on a GPU.
     """
 
     handle: cl.Device
@@ -65,7 +65,7 @@ class Device:
 
     @property
     def note(self) -> str | None:
-        """A remark on a device that is slow for its machine, and what helps; else None."""
+        """A warning, with a remedy, if the device is slow for this machine; else None."""
         return _slow(self.rates)
 
     @property
@@ -83,9 +83,9 @@ class Device:
         """Whether kernels can work on the host's memory in place."""
         return bool(self.handle.type & cl.device_type.CPU)
 
-    def items_a_launch(self, work: int, work_an_item: int) -> int:
+    def items_per_launch(self, work: int, work_per_item: int) -> int:
         """How many work-items make a launch of about ``work``, at least one: longer work takes several launches."""
-        return max(1, work // work_an_item)
+        return max(1, work // work_per_item)
 
     def kernel(self, name: str, **defines: int) -> Kernel:
         """The kernel ``name`` of the source file ``clkernels/name.cl``, built once per set of ``defines``."""
@@ -112,7 +112,7 @@ class Device:
         - ``stage``: its name in the profile, else the kernel's
         - ``defines``: what the kernel is built with
         - ``group``: work-items per group, for a kernel whose work-items do little and ignore those beyond their number
-        - ``step``: work-items per launch, see :meth:`items_a_launch`; several launches run one after the other, and
+        - ``step``: work-items per launch, see :meth:`items_per_launch`; several launches run one after the other, and
           the line ``progress`` says how far they are
 
         Raises ``TypeError`` for arguments that are not those of the kernel, ``ValueError`` for an empty size, for a

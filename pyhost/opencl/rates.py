@@ -20,8 +20,8 @@ from .programs import Programs
 
 REPEATS = 15  # the fastest counts: other programs on the machine only make it look slower
 CHAINS, STEPS = 8, 2**11  # of multiply_add.cl
-ITEMS_A_UNIT, GPU_ITEMS_A_UNIT = 64, 2048  # work-items a compute unit: a third of a millisecond on two fast cores
-COPY_BYTES, COPY_BLOCK = 2**25, 2048  # read and written together; vectors a work-item
+ITEMS_PER_UNIT, GPU_ITEMS_PER_UNIT = 64, 2048  # work-items per compute unit: a third of a millisecond on two fast cores
+COPY_BYTES, COPY_BLOCK = 2**25, 2048  # read and written together; vectors per work-item
 TRANSFER_BYTES = 2**24
 MATRIX = 512  # rows and columns of numpy's product
 
@@ -37,7 +37,7 @@ FRAME_LAUNCHES = 16
 
 @dataclass(frozen=True)
 class Rates:
-    """What a device does, each a second.
+    """Measured rates, per second.
 
     - ``fused``, ``plain``: float32 multiply-adds as ``fma(a, b, c)``, and as ``a * b + c`` rounded twice
     - ``copies``: bytes that a kernel reads and writes
@@ -107,7 +107,7 @@ def measure(context: cl.Context) -> Rates:
         return DeviceArray(cl.Buffer(context, cl.mem_flags.READ_WRITE, size), (size // 4,), np.dtype(np.float32), None)
 
     chains, block = (1, 1) if is_gpu else (CHAINS, COPY_BLOCK)
-    items = (GPU_ITEMS_A_UNIT if is_gpu else ITEMS_A_UNIT) * device.max_compute_units
+    items = (GPU_ITEMS_PER_UNIT if is_gpu else ITEMS_PER_UNIT) * device.max_compute_units
     result = room(64 * items)
 
     def multiply_add(fused: int) -> Callable[[], cl.Event]:

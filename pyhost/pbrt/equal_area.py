@@ -29,7 +29,7 @@ from ..errors import LightdomeError
 
 MAX_SIDE = 4096  # 0.05 degrees a texel: far below what a diffuse surface can show
 MIN_SIDE = 64
-PAIRS_A_CHUNK = 2**18  # pixel-texel pairs at a time: their temporaries stay within the cache's reach
+PAIRS_PER_CHUNK = 2**18  # pixel-texel pairs at a time: their temporaries stay within the cache's reach
 
 
 def equal_area_side(height: int, width: int) -> int:
@@ -102,7 +102,7 @@ def _overlaps(rows: int, columns: int, half: int) -> Iterator[tuple[np.ndarray, 
     begin = 0
     while begin < len(count):
         done = ends[begin - 1] if begin else 0
-        end = max(begin + 1, int(np.searchsorted(ends, done + PAIRS_A_CHUNK, side="right")))
+        end = max(begin + 1, int(np.searchsorted(ends, done + PAIRS_PER_CHUNK, side="right")))
         pixel = np.repeat(np.arange(begin, end), count[begin:end])
         nth = np.arange(len(pixel)) - np.repeat(ends[begin:end] - count[begin:end] - done, count[begin:end])
         x = x0[pixel] + nth % across[pixel]

@@ -44,7 +44,7 @@ GET = "scripts/get_pbrt.py"
 # When a render is given up: when its progress bar has not moved for STILL seconds plus ten times its longest step so
 # far. Until there is a bar: after STILL seconds plus about ten times the expected time.
 STILL = 60.0
-SECONDS_A_SAMPLE = 3e-5  # pbrt-r4 takes 3e-6 on one core
+SECONDS_PER_SAMPLE = 3e-5  # pbrt-r4 takes 3e-6 on one core
 _log = logging.getLogger(__package__)
 
 
@@ -257,7 +257,7 @@ class _Watch:
 
     def __init__(self, samples: int, patience: float) -> None:
         self._patience = patience
-        self._allowed = patience + SECONDS_A_SAMPLE * samples
+        self._allowed = patience + SECONDS_PER_SAMPLE * samples
         self._fraction: float | None = None
         self._moved = time.monotonic()
         self._longest_step = 0.0

@@ -44,9 +44,9 @@ if TYPE_CHECKING:
     from ..opencl.device import Device
     from ..opencl.signature import Argument
 
-SAMPLES_A_LAUNCH = 2**25  # pixels x spp between two updates of the progress line
-PIXELS_A_BLOCK = 128  # that a work-item of a CPU renders side by side
-SAMPLES_A_SUM = 128  # spp that a launch sums in single precision; the sum over launches is in double words
+SAMPLES_PER_LAUNCH = 2**25  # pixels x spp between two updates of the progress line
+PIXELS_PER_BLOCK = 128  # that a work-item of a CPU renders side by side
+SAMPLES_PER_SUM = 128  # spp that a launch sums in single precision; the sum over launches is in double words
 OF_MAP = (
     "radiance",
     "theta",
@@ -130,7 +130,7 @@ def _images(
         flux = 3 * distribution.flux
     else:
         launch, flux = _launch(distribution, estimator, mis_compensation, disc, defines)
-    step = min(device.items_a_launch(SAMPLES_A_LAUNCH, len(disc)), SAMPLES_A_SUM)
+    step = min(device.items_per_launch(SAMPLES_PER_LAUNCH, len(disc)), SAMPLES_PER_SUM)
     done = 0
     with Progress("rendering") as progress:
         for target in spp:
@@ -215,7 +215,7 @@ def _in_blocks(
     device: Device, name: str, disc: np.ndarray, defines: dict[str, int], **arguments: Argument
 ) -> Callable[..., None]:
     """The kernel ``name``, a work-item for each block of the disc's pixels, given these arguments."""
-    block = 1 if device.is_gpu else PIXELS_A_BLOCK
+    block = 1 if device.is_gpu else PIXELS_PER_BLOCK
     return partial(
         device.launch,
         name,

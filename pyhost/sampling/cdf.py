@@ -53,7 +53,7 @@ def build_cdf(of_map: DeviceMap, offset: float = 0.0) -> MapCDF:
 
 
 def build_row_cdfs(of_map: DeviceMap, offset: float = 0.0, out: RowCDFs | None = None) -> RowCDFs:
-    """The CDFs of all rows; ``out`` is what an earlier call for the same map returned, to be written over."""
+    """The CDFs of all rows; ``out`` is the arrays from an earlier call for the same map, to overwrite."""
     device, shape = of_map.device, (of_map.height, of_map.width)
     out = out or RowCDFs(memory.empty(device, shape, np.uint32), memory.empty(device, (shape[0], 2), np.float32))
     radiance = of_map.radiance

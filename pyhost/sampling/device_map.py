@@ -84,9 +84,14 @@ class DeviceMap:
         return memory.upload(self.device, np.cos(np.pi / self.height * np.arange(self.height + 1)).astype(np.float32))
 
     @cached_property
+    def edge_sine(self) -> DeviceArray:
+        """sin of the polar angles of the borders of a whole map's rows, (H + 1,) float32."""
+        return upload_sines(self.device, np.pi * np.arange(self.height + 1) / self.height)
+
+    @cached_property
     def sin_theta(self) -> DeviceArray:
-        """(H,) float32."""
-        return memory.upload(self.device, np.sin(self.row_angles).astype(np.float32))
+        """sin of every row's polar angle, (H,) float32."""
+        return upload_sines(self.device, self.row_angles)
 
     @cached_property
     def solid_angles(self) -> np.ndarray:
@@ -107,6 +112,11 @@ class DeviceMap:
             f=weight,
         )
         return weight
+
+
+def upload_sines(device: Device, angles: np.ndarray) -> DeviceArray:
+    """The sines of ``angles``, which are float64, as float32."""
+    return memory.upload(device, np.sin(angles).astype(np.float32))
 
 
 def range_scale(peak: float) -> float:

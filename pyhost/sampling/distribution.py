@@ -57,7 +57,7 @@ class Distribution:
         in cells of equal area for any count, ``sobol`` with Owen's scramble, or the lattice ``r2``. The
         first n of more samples are the samples of n, except for ``stratified``.
 
-        Raises :class:`LightdomeError` if the map is black, or for a count, a seed or a sequence that there is not.
+        Raises :class:`LightdomeError` if the map is black, or for an invalid count, seed or sequence.
         """
         return self._sample(sequence_points(count, seed, sequence), sequence, seed)
 
@@ -102,7 +102,7 @@ class Distribution:
 def build_distribution(device: Device, envmap: EnvironmentMap) -> Distribution:
     """Build the CDF of every row and the CDF over rows of ``envmap`` on ``device``.
 
-    Raises :class:`LightdomeError` where the device has not the room, or one argument is of another type.
+    Raises :class:`LightdomeError` if the device has not enough memory, or one argument is of another type.
     """
     of_map = DeviceMap.of(device, envmap)
     of_map.upload()

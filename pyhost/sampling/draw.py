@@ -20,19 +20,19 @@ from .device_map import DeviceMap
 from .samples import SEQUENCES
 
 MAX_COUNT = 2**31 - 1
-SAMPLES_A_LAUNCH = 2**22  # between two updates of the progress line
-SAMPLES_A_BLOCK = 256  # that a work-item of a CPU draws side by side
-SAMPLES_A_PIXEL = 1 / 8  # of the map, from which on a guide pays for itself
+SAMPLES_PER_LAUNCH = 2**22  # between two updates of the progress line
+SAMPLES_PER_BLOCK = 256  # that a work-item of a CPU draws side by side
+SAMPLES_PER_PIXEL = 1 / 8  # samples per map pixel above which guide tables pay off
 BLACK = "the map is black everywhere, so there is no light to sample; use another map"
 
-# What is known of a sample: floats or integers, and how many.
+# Outputs of a draw: shape per sample, and type.
 OUTPUTS: dict[str, tuple[tuple[int, ...], type]] = {
     "direction": ((3,), np.float32),
     "radiance": ((3,), np.float32),
     "pixel": ((2,), np.int32),
     "probability": ((), np.float32),
 }
-PIXELS = ("pixel", "probability")  # those that the kernel writes alone
+PIXELS = ("pixel", "probability")  # the outputs of sample_pixels.cl
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Points:
 
 
 def sequence_points(count: int, seed: int, sequence: str) -> Points:
-    """The points of a ``sequence``. Raises :class:`LightdomeError` for a seed, sequence or count that there is not."""
+    """The points of a ``sequence``. Raises :class:`LightdomeError` for an invalid seed, sequence or count."""
     key = philox_key(seed)
     checks.choice("sequence", sequence, SEQUENCES)
     count = checks.whole("the number of samples", count, 1, MAX_COUNT)
@@ -70,7 +70,7 @@ def philox_key(seed: int) -> np.ndarray:
 
 def is_guided(count: int, of_map: DeviceMap) -> bool:
     """Whether ``count`` samples of a map are so many that guide tables pay for themselves."""
-    return count >= of_map.width * of_map.height * SAMPLES_A_PIXEL
+    return count >= of_map.width * of_map.height * SAMPLES_PER_PIXEL
 
 
 def room_for(device: Device, count: int, outputs: Iterable[str] = OUTPUTS) -> dict[str, DeviceArray]:
@@ -96,13 +96,13 @@ def draw(of_map: DeviceMap, cdf: MapCDF, points: Points, outputs: Mapping[str, D
     else:
         few = f"{count} samples are drawn faster than the tables for the map would be built"
         device.decisions.skip("guide tables", few)
-    block = 1 if device.is_gpu else SAMPLES_A_BLOCK
+    block = 1 if device.is_gpu else SAMPLES_PER_BLOCK
     device.launch(
         f"sampling/{kernel}",
         (-(-count // block),),
         stage="search",
         defines={"BLOCK": block, **points.defines},
-        step=device.items_a_launch(SAMPLES_A_LAUNCH, block),
+        step=device.items_per_launch(SAMPLES_PER_LAUNCH, block),
         progress="sampling",
         row_cdf=cdf.rows,
         marginal_cdf=cdf.marginal,

@@ -1,6 +1,6 @@
 """Guide tables: searches of a map's CDFs that begin where they nearly end.
 
-Worth their while for many samples only. Kernel: ``guide.cl``; ``guided.clh`` is what searches.
+They pay off only for many samples. Kernel: ``guide.cl``; ``guided.clh`` is what searches.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from ..opencl.memory import DeviceArray
 if TYPE_CHECKING:
     from ..opencl.device import Device
 
-BUCKETS_A_ROW = 4.0  # one table for all rows
-BUCKETS_A_PIXEL = 1.0
+BUCKETS_PER_ROW = 4.0  # one table for all rows
+BUCKETS_PER_PIXEL = 1.0
 MAX_BUCKETS = 2**26  # of all rows: half a gibibyte
 
 
@@ -60,6 +60,6 @@ def build_guide(device: Device, row_cdf: DeviceArray, marginal_cdf: DeviceArray)
         device.launch("sampling/guide", (count,), cdf=cdf, n=n, shift=shift, guide=guide, total=total)
         return guide, total, shift
 
-    marginal, _, marginal_shift = table(marginal_cdf, 1, height, BUCKETS_A_ROW)
-    rows, row_total, row_shift = table(row_cdf, height, width, BUCKETS_A_PIXEL)
+    marginal, _, marginal_shift = table(marginal_cdf, 1, height, BUCKETS_PER_ROW)
+    rows, row_total, row_shift = table(row_cdf, height, width, BUCKETS_PER_PIXEL)
     return Guide(marginal, rows, row_total, marginal_shift, row_shift)

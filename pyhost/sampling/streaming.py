@@ -1,7 +1,7 @@
 """Samples of a map that stays in its file: memory for bands of its rows, however large it is.
 
 The CDF over rows needs the sum of every row and no pixel after that, so the file is read once, band by band, and
-nothing of a band is kept but its sums. That CDF says which rows the samples fall into. Those alone are read
+only the sums of each band are kept. That CDF says which rows the samples fall into. Those alone are read
 again and have CDFs built. The samples are those of :meth:`lightdome.Distribution.sample`, bit for bit.
 Kernels: those of :mod:`lightdome.sampling.distribution`, and ``choose_rows.cl``.
 """
@@ -22,11 +22,13 @@ from ..opencl.device import Device
 from ..opencl.memory import DeviceArray
 from ..progress import Progress
 from .cdf import MapCDF, build_marginal_cdf, build_row_cdfs
-from .device_map import DeviceMap, range_scale
+from .device_map import DeviceMap, range_scale, upload_sines
 from .draw import BLACK, MAX_COUNT, OUTPUTS, Points, drawn, given_points, is_guided, sequence_points
 from .samples import Samples
 
-GROUP = 64  # work-items a group: where it may choose, PoCL takes another size for nearly every count, and compiles anew
+GROUP = (
+    64  # work-items per group: where it may choose, PoCL takes another size for nearly every count, and compiles anew
+)
 
 
 def sample_file(
@@ -59,7 +61,7 @@ def sample_file(
     scale = range_scale(inspection.peak)
     if scale != 1:
         row_sums = _row_sums(device, image, scale, Inspection(sanitize, image.largest))
-    sin_theta = memory.upload(device, np.sin(row_angles(image.height)).astype(np.float32))
+    sin_theta = upload_sines(device, row_angles(image.height))
     marginal, total = build_marginal_cdf(device, memory.upload(device, row_sums), sin_theta)
     if total == 0:
         raise LightdomeError(BLACK)

@@ -12,7 +12,7 @@ from lightdome.lighting.exact import PIXELS, exact
 from lightdome.lighting.harmonics import project
 from lightdome.lighting.horizon import horizon_tables
 from lightdome.lighting.lights import Lights
-from lightdome.lighting.shade import SAMPLES_A_ROW, shade, shade_samples
+from lightdome.lighting.shade import SAMPLES_PER_ROW, shade, shade_samples
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.opencl.device import Device
 from lightdome.sampling.distribution import build_distribution
@@ -86,8 +86,9 @@ def test_lights_are_their_directions_and_fluxes(device: Device, stiff: Environme
     for wrong in (samples.direction, None):
         with pytest.raises(LightdomeError, match="expected lights, or directions and fluxes"):
             shade(device, wrong)
-    with pytest.raises(LightdomeError, match="direction"):
-        shade(device, samples, samples.flux)
+    for flux in (samples.flux, 255):
+        with pytest.raises(LightdomeError, match=r"lights have a flux of their own, got .* as resolution=255"):
+            shade(device, samples, flux)
 
 
 @pytest.mark.parametrize("pixels", ["centres", "areas"])
@@ -203,7 +204,7 @@ def test_no_light_is_black(device: Device) -> None:
     assert not image.any()
 
 
-@pytest.mark.parametrize("count", [21 * SAMPLES_A_ROW - 1, 21 * SAMPLES_A_ROW, 40_000])
+@pytest.mark.parametrize("count", [21 * SAMPLES_PER_ROW - 1, 21 * SAMPLES_PER_ROW, 40_000])
 def test_samples_that_share_pixels_give_the_same_image(device: Device, stiff: EnvironmentMap, count: int) -> None:
     samples = build_distribution(device, stiff).sample(count, seed=4)
     image = shade_samples(device, samples, 33, albedo=0.6)

@@ -1214,8 +1214,8 @@ FAULTS: list[Fault] = [
     host(
         "render: a launch sums all in single precision",
         "per_pixel.py",
-        "step = min(device.items_a_launch(SAMPLES_A_LAUNCH, len(disc)), SAMPLES_A_SUM)",
-        "step = device.items_a_launch(SAMPLES_A_LAUNCH, len(disc))",
+        "step = min(device.items_per_launch(SAMPLES_PER_LAUNCH, len(disc)), SAMPLES_PER_SUM)",
+        "step = device.items_per_launch(SAMPLES_PER_LAUNCH, len(disc))",
         "compensation dropped",
     ),
     host(

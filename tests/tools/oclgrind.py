@@ -191,7 +191,7 @@ def distributions(shapes: tuple[bool, ...] = (False, True)) -> Iterator[Distribu
 
 def draw(distribution: Distribution) -> None:
     for guided_from in (0, np.inf):
-        draw_module.SAMPLES_A_PIXEL = guided_from
+        draw_module.SAMPLES_PER_PIXEL = guided_from
         for sequence in SEQUENCES:
             distribution.sample(19, 1, sequence)
         distribution.sample_at(np.array([(0, 0), (1 - 2.0**-32, 1 - 2.0**-32), (0.5, 0.25)]))
@@ -199,7 +199,7 @@ def draw(distribution: Distribution) -> None:
 
 def draw_pixels(distribution: Distribution) -> None:
     for guided_from in (0, np.inf):
-        draw_module.SAMPLES_A_PIXEL = guided_from
+        draw_module.SAMPLES_PER_PIXEL = guided_from
         for sequence in SEQUENCES:
             distribution.sample_pixels(19, 1, sequence)
 
