@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from dataclasses import dataclass
+from typing import Literal
 
 COMMANDS = (
     "part1_fresnel",
@@ -18,7 +19,8 @@ SEQUENCES = ("independent", "stratified", "sobol", "r2")  # points of samples th
 PIXEL_SEQUENCES = ("independent", "sobol")  # points of samples for every pixel
 
 
-class Estimator(NamedTuple):
+@dataclass(frozen=True)
+class Estimator:
     """What is known of an estimator with fresh samples for every pixel."""
 
     pixels: Literal["centres", "areas"]  # what it takes the map's pixels for, and so which exact image it converges to

@@ -5,9 +5,9 @@ aborts the process. So a device counts only after this, in a process that may di
 
     python -m lightdome.probe PLATFORM DEVICE
 
-compiles and runs a kernel on the device of these indices, prints its :class:`lightdome.opencl.rates.Rates` as JSON and
-exits with 0, or says in one line why it fails and exits with 1. Without indices it tries every device, each in a process
-of its own, and prints which is taken and why, then all of them; it exits with 1 if none works.
+compiles and runs a kernel on the device of these indices, prints its :class:`lightdome.opencl.rates.Rates` as JSON
+and exits with 0, or says in one line why it fails and exits with 1. Without indices it tries every device, each in a
+process of its own, and prints which is taken and why, then all of them; it exits with 1 if none works.
 """
 
 from __future__ import annotations

@@ -1621,6 +1621,14 @@ FAULTS: list[Fault] = [
         "an order of preference",
     ),
     command(
+        "the default map is only beside a script",
+        "cli.py",
+        "return of_script if of_script.is_dir() else",
+        "return of_script if True else",
+        "an order of preference",
+        ("test_module.py",),
+    ),
+    command(
         "the default map is Grace, there or not",
         "cli.py",
         'default=grace if grace.exists() else data / "default.exr"',
