@@ -22,6 +22,7 @@
 //
 // One work-item BLOCK pixels.
 
+#include "common/guided.clh"
 #include "rendering/pixel_block.clh"
 
 kernel void render_light(global const float *restrict radiance,

@@ -28,6 +28,7 @@
 //
 // One work-item BLOCK pixels.
 
+#include "common/guided.clh"
 #include "rendering/cosine_block.clh"
 
 typedef struct {

@@ -20,6 +20,7 @@
 //
 // One work-item BLOCK samples.
 
+#include "common/guided.clh"
 #include "sampling/sample_block.clh"
 
 kernel void sample_at_guided(global const uint *restrict row_cdf,

@@ -17,6 +17,7 @@
 //
 // One work-item BLOCK samples.
 
+#include "common/guided.clh"
 #include "common/sequence.clh"
 #include "sampling/sample_block.clh"
 

@@ -98,6 +98,8 @@ def _shade(
     else:
         device.decisions.use("separate channels", "the lights are in colour")
     light = np.concatenate([direction, reflected], axis=1, dtype=np.float32, casting="same_kind")
+    # First, as the largest: what a device has no room for fails at once.
+    image = memory.zeros(device, (resolution, resolution, 3), np.float32)
     # One place decides: a CPU skips pairs of pixel and light tile by tile, a GPU has one work-item per pixel.
     if brute_force or device.is_gpu:
         pixels, rows = device.vector_width, 1
@@ -113,7 +115,6 @@ def _shade(
         device.decisions.skip("brute force over pairs of pixel and light", why)
     tiles = disc_tiles(resolution, pixels, rows)
     note_tiles(device.decisions, tiles, resolution, pixels, rows)
-    image = memory.zeros(device, (resolution, resolution, 3), np.float32)
     device.launch(
         kernel,
         (len(tiles),),

@@ -74,6 +74,7 @@ def check_room(device: Device, size: int) -> None:
     """Raise :class:`LightdomeError` if the device can have no array of ``size`` bytes."""
     room = device.handle.max_mem_alloc_size
     if size > room:
+        device.wait()  # the process may end next, and a compiler that still works for a kernel would crash it
         raise LightdomeError(
             f"the device holds arrays of up to {room >> 20} MiB and this needs {size >> 20} MiB;"
             " use fewer samples, a smaller map or image, or another --device"

@@ -79,6 +79,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "shade_tiles.cl": SPHERE,
     "span_sums.cl": CUT,
     "sphere.clh": SPHERE,
+    "streams.clh": RENDER,
     # the host
     "streaming.py": ("test_streaming.py", "test_launches.py"),
     "benchmark.py": (*SHOWN, "test_benchmark.py", "test_options.py"),
@@ -178,7 +179,7 @@ FAULTS: list[Fault] = [
     ),
     kernel(
         "sobol per pixel: both axes by one key",
-        "sequence.clh",
+        "streams.clh",
         "scramble_down[k] = words.y[k];",
         "scramble_down[k] = words.x[k];",
         "a copied line",
