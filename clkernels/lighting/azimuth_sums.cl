@@ -10,8 +10,8 @@
 // double words.
 
 #include "common/double_word.clh"
+#include "common/lanes.clh"
 #include "common/map_row.clh"
-#include "lighting/lanes.clh"
 
 #define CHUNK 256  // pixels, a multiple of LANES
 

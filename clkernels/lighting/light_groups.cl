@@ -1,4 +1,5 @@
-// Bounds and sums of groups of 16 lights, for shade_tiles.cl: a tile that all of a group lights, or none, looks no closer.
+// Bounds and sums of groups of LANES lights, for shade_tiles.cl: where all of a group lights a tile, or none of it does,
+// the tile looks no closer.
 //
 // lights   6 rows of stride floats, or 4 with GREY, see shade_tiles.cl
 // bounds   a group's (axis, reach): a unit vector, and how far from it the directions lie
@@ -7,8 +8,7 @@
 // One work-item a group.
 
 #include "common/channels.clh"
-
-#define LIGHTS 16  // in a group
+#include "common/lanes.clh"
 
 kernel void light_groups(global const float *restrict lights,
                          const uint stride,
@@ -16,9 +16,9 @@ kernel void light_groups(global const float *restrict lights,
                          global float *restrict matrix)
 {
     const size_t group = get_global_id(0);
-    lights += group * LIGHTS;
+    lights += group * LANES;
     float3 axis = 0.0f, x = 0.0f, y = 0.0f, z = 0.0f;
-    for (uint i = 0; i < LIGHTS; ++i) {
+    for (uint i = 0; i < LANES; ++i) {
         const float3 w = (float3)(lights[i], lights[stride + i], lights[2 * (size_t)stride + i]);
         const float3 E = (float3)(lights[(3 + RED) * (size_t)stride + i], lights[(3 + GREEN) * (size_t)stride + i],
                                   lights[(3 + BLUE) * (size_t)stride + i]);
@@ -30,7 +30,7 @@ kernel void light_groups(global const float *restrict lights,
     const float length2 = dot(axis, axis);
     axis = length2 > 1e-6f ? axis / sqrt(length2) : (float3)(0.0f, 0.0f, 1.0f);
     float reach = 0.0f;
-    for (uint i = 0; i < LIGHTS; ++i)
+    for (uint i = 0; i < LANES; ++i)
         reach = fmax(reach, distance(axis, (float3)(lights[i], lights[stride + i], lights[2 * (size_t)stride + i])));
     bounds[group] = (float4)(axis, reach * 1.00001f + 1e-6f);
     vstore16((float16)(x, 0.0f, y, 0.0f, z, 0.0f, (float4)(0.0f)), group, matrix);

@@ -18,13 +18,13 @@
 // One work-item a tile of 16 x ROWS pixels (ROWS even): vectors of 16 lights to classify and sum, vectors
 // of 16 pixels to evaluate.
 
-#define PIXELS 16
-#include "common/double_word.clh"
 #include "common/channels.clh"
-#include "lighting/lanes.clh"
+#include "common/double_word.clh"
+#include "common/lanes.clh"
+
+#define PIXELS LANES
 #include "lighting/sphere.clh"
 
-#define LIGHTS 16   // in a group, see light_groups.cl
 #define CHUNK 1024  // lights whose sums are added in single precision before they go into double words
 #define LIST 128    // lights near the horizon, evaluated when the list is full
 
@@ -49,9 +49,9 @@ static inline void add_to(private DoubleWord16 *sum, float16 x)
 // There is no branch: every light is written, and one that does not belong there is written over by the next.
 static inline uint append(private uint *list, uint n, uint first, int16 belongs)
 {
-    int is_one_more[LIGHTS];
+    int is_one_more[LANES];
     vstore16(belongs & 1, 0, is_one_more);  // true is -1 in a vector
-    for (uint k = 0; k < LIGHTS; ++k) {
+    for (uint k = 0; k < LANES; ++k) {
         list[n] = first + k;
         n += is_one_more[k];
     }
@@ -149,7 +149,7 @@ kernel void shade_tiles(global const uint2 *restrict tiles,
     const float margin = sqrt(max16(chord2)) * 1.00001f + 1e-6f;
 
     // Lights near the horizon wait in a list. When it is full they are spilled: evaluated, and summed by pixel.
-    uint list[LIST + LIGHTS];
+    uint list[LIST + LANES];
     uint n = 0;
     bool spilled = false;
     DoubleWord16 sum[ROWS * CHANNELS];
@@ -166,14 +166,14 @@ kernel void shade_tiles(global const uint2 *restrict tiles,
 #pragma unroll
         for (int k = 0; k < 3 * CHANNELS; ++k)
             chunk[k] = 0.0f;
-        for (uint i = begin; i < end; i += LIGHTS) {
+        for (uint i = begin; i < end; i += LANES) {
             // A group that is clear of the tile's horizon lights none of the tile, or all of it.
-            const float4 bound = bounds[i / LIGHTS];
+            const float4 bound = bounds[i / LANES];
             const float above = axis.x * bound.x + axis.y * bound.y + axis.z * bound.z, reach = margin + bound.w;
             if (above <= -reach)
                 continue;
             if (above >= reach) {
-                group_chunk += vload16(i / LIGHTS, groups);
+                group_chunk += vload16(i / LANES, groups);
                 continue;
             }
 

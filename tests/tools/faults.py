@@ -438,7 +438,7 @@ FAULTS: list[Fault] = [
     kernel(
         "light_groups: reach of the first light alone",
         "light_groups.cl",
-        "for (uint i = 0; i < LIGHTS; ++i)\n        reach",
+        "for (uint i = 0; i < LANES; ++i)\n        reach",
         "for (uint i = 0; i < 1; ++i)\n        reach",
         "a loop too short",
     ),
