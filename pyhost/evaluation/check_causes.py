@@ -1,11 +1,11 @@
 """What goes wrong in renderers of environment light, and the image that each mistake converges to.
 
-A light sample is drawn with probability q, and adds (albedo / pi) max(0, n . w) (L / I) Phi / N to a pixel with normal n,
+A light sample is drawn with probability q, and adds (albedo / pi) max(0, n . w) (L / I) Phi / N to a pixel of normal n,
 where I = (R + G + B) / 3 and Phi is the sum of I x solid angle. If q is proportional to I sin(theta), the sum converges
 to the exact image. A mistake in q, in the term or in the direction makes it converge to the exact image of another map,
 which is what ``effect`` makes: from the radiance (H, W, 3) of a map, float64, to that of another map. A mistake on the
 side of the surface has a ``surface`` instead: from the irradiance as a function of a vector, and the normals, to the
-irradiance that it shows.
+irradiance that it shows; one in the image itself has a ``picture``, from the exact image's pixels to those it has.
 
 The list was gathered from solutions of students and from reports of renderers' users.
 """
@@ -33,6 +33,7 @@ class Cause:
     where: str
     effect: Effect | None = None
     surface: Callable[[Irradiance, np.ndarray], np.ndarray] | None = None
+    picture: Callable[[np.ndarray], np.ndarray] | None = None
     exposed: bool = True  # its absolute brightness tells it apart; otherwise its shape alone does
 
 
@@ -121,7 +122,7 @@ def _same_number(radiance: np.ndarray) -> np.ndarray:
 
 def _first_row_lost(radiance: np.ndarray) -> np.ndarray:
     """The CDF over rows has no entry for row 0, so that each row found is one too far down."""
-    return np.roll(radiance * pixel_areas(radiance)[..., None], 1, axis=0) / pixel_areas(radiance)[..., None]
+    return drawn_with(np.roll(luminance(radiance) * _sine(radiance), 1, axis=0), radiance)
 
 
 def _unclamped(irradiance: Irradiance, normal: np.ndarray) -> np.ndarray:
@@ -148,6 +149,13 @@ CAUSES = (
         "where the luminance is multiplied for the CDFs, and where p(x, y) is divided by the solid angle",
         lambda L: drawn_with(luminance(L), L),
         exposed=False,
+    ),
+    Cause(
+        "p of a pixel used as a density",
+        "the radiance is divided by p(x, y), the probability of a pixel, and not by p(x, y) / solid angle of the pixel",
+        "thousands of times too bright, and too much light from straight up and straight down",
+        "where a sample's term is divided by its density",
+        lambda L: L / pixel_areas(L)[..., None],
     ),
     Cause(
         "sin(theta) twice",
@@ -270,6 +278,20 @@ CAUSES = (
         "warm light is cold",
         "where the file is read or written: some libraries have the order B, G, R",
         lambda L: L[..., ::-1],
+    ),
+    Cause(
+        "image gamma-encoded",
+        "the image holds values raised to 1 / 2.2, as for a display",
+        "little contrast on the sphere, and too bright",
+        "where the image is written: a .pfm or .exr holds linear radiance",
+        picture=lambda pixels: np.maximum(pixels, 0) ** (1 / 2.2),
+    ),
+    Cause(
+        "image clipped to 1",
+        "values above 1 were clipped before the image was written",
+        "flat white areas",
+        "where the image is written: a .pfm or .exr holds any radiance",
+        picture=lambda pixels: np.minimum(pixels, 1.0),
     ),
     Cause(
         "cosine not clamped",

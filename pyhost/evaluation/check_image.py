@@ -69,8 +69,8 @@ class ImageCheck:
     - ``orientation``: how the image is turned or mirrored, "" for not at all
     - ``factor``: (3,), what the image is multiplied by, by channel; 1 where it is right
     - ``disc``: centre x, centre y and radius of the sphere in the file's image, pixels from its upper left corner
-    - ``relative_rmse``, ``bias`` (3,) relative by channel, ``largest_error`` (radiance) at ``largest_at`` (x, y): of the
-      image as it is, beside the exact one
+    - ``relative_rmse``, ``bias`` (3,) relative by channel, ``largest_error`` (radiance) at ``largest_at`` (x, y): of
+      the image as it is, against the exact one
     - ``deviations``: by how many standard deviations the image's moments are off; NaN where nothing says how many are
       right
     - ``expected``: what so many samples leave, if a number was given
@@ -306,6 +306,7 @@ def irradiance_of(direction: np.ndarray, flux: np.ndarray) -> Irradiance:
 TURNS = {
     "": np.diag([1.0, 1, 1]),
     "mirrored left to right": np.diag([-1.0, 1, 1]),
+    "mirrored front to back, as if phi ran the other way": np.diag([1.0, 1, -1]),
     "upside down": np.diag([1.0, -1, 1]),
     "turned by 180 degrees in the image": np.diag([-1.0, -1, 1]),
     "turned by 90 degrees in the image": np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]]),
@@ -363,7 +364,10 @@ def find_orientation(irradiance: Irradiance, normal: np.ndarray, pixels: np.ndar
 
     best = min((Orientation(turn, yaw) for turn in TURNS for yaw in range(0, 360, 5)), key=unlike)
     finer = [Orientation(best.turn, (best.yaw + step / 2) % 360) for step in range(-10, 11)]
-    return min([best, *finer], key=unlike)
+    best = min([best, *finer], key=unlike)
+    # Quarter turns are what people make; of several ways to say the same, that without a turn of the map.
+    quarters = [Orientation(turn, yaw) for yaw in (0, 90, 180, 270) for turn in TURNS]
+    return next((near for near in quarters if np.abs(near.matrix - best.matrix).max() < math.radians(3)), best)
 
 
 @dataclass(frozen=True)
@@ -496,7 +500,9 @@ class _Check:
             turned = self.true_grid + seen(self.grid @ orientation.matrix.T) - seen(self.grid)
             result += [_Hypothesis(turned, orientation=orientation, scaled=scaled) for scaled in (False, True)]
         for cause in CAUSES:
-            if cause.surface:
+            if cause.picture:
+                pixels = cause.picture(self.true_grid)
+            elif cause.surface:
                 pixels = self.true_grid + reflected * cause.surface(light, self.grid) - seen(self.grid)
             else:
                 assert cause.effect is not None
