@@ -101,7 +101,7 @@ class Programs:
         self._context = context
         self._defines = defines
         self._kernels: dict[tuple[str, tuple[tuple[str, int], ...]], Kernel] = {}
-        self._parameters: dict[str, frozenset[str]] = {}
+        self._signatures: dict[str, Signature] = {}
         self._process = os.getpid()
 
     @property
@@ -126,10 +126,12 @@ class Programs:
 
     def parameters(self, name: str) -> frozenset[str]:
         """The names of the arguments of the kernel ``name``."""
-        if name not in self._parameters:
-            found = signature(name, self.text(name))
-            self._parameters[name] = frozenset(parameter.name for parameter in found.parameters)
-        return self._parameters[name]
+        return frozenset(parameter.name for parameter in self._signature(name).parameters)
+
+    def _signature(self, name: str) -> Signature:
+        if name not in self._signatures:
+            self._signatures[name] = signature(name, self.text(name))
+        return self._signatures[name]
 
     def check_process(self) -> None:
         """Raise :class:`LightdomeError` in a process that was forked from the one that opened the device."""
@@ -145,8 +147,7 @@ class Programs:
         if key not in self._kernels:
             of_all = {**self._defines, **defines}
             options = ["-cl-std=CL1.2", *(f"-D{define}={value}" for define, value in sorted(of_all.items()))]
-            text = self.text(name)
-            program = cl.Program(self._context, text)
+            program = cl.Program(self._context, self.text(name))
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", cl.CompilerWarning)  # chatter of a build that went well
                 try:
@@ -156,6 +157,5 @@ class Programs:
                         f"the OpenCL compiler refuses clkernels/{name}.cl ({compiler_says(error)});"
                         " choose another device with --device"
                     ) from error
-            kernel = getattr(program, name.rpartition("/")[2])
-            self._kernels[key] = Kernel(kernel, signature(name, text))
+            self._kernels[key] = Kernel(getattr(program, name.rpartition("/")[2]), self._signature(name))
         return self._kernels[key]
