@@ -235,18 +235,13 @@ def _matches(asked: str, candidate: _Candidate) -> bool:
 
     of_platform = (platform.name, platform.vendor, platform.version)
     of_device = (device.name, device.vendor, device.version, device.driver_version)
-    first, colon, second = asked.partition(":")
-    if colon and any(
-        _plain(asked) in _plain(name) for name in (*of_platform, *of_device, whole)
-    ):  # a name with a colon
-        return True
-    if " " in asked and _plain(_listed(candidate)).startswith(_plain(asked)):
-        return True
-    if not colon:
-        return one(asked, candidate.platform, *of_platform) or (
-            not asked.isdecimal() and one(asked, candidate.index, *of_device)
-        )
-    return one(first, candidate.platform, *of_platform) and one(second, candidate.index, *of_device)
+    first, _, second = asked.partition(":")
+    return (
+        # A name may have a colon of its own.
+        (not asked.isdecimal() and any(_plain(asked) in _plain(name) for name in (*of_platform, *of_device, whole)))
+        or (" " in asked and _plain(_listed(candidate)).startswith(_plain(asked)))
+        or (one(first, candidate.platform, *of_platform) and (not second or one(second, candidate.index, *of_device)))
+    )
 
 
 def _listed(candidate: _Candidate) -> str:
