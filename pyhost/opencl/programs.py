@@ -37,16 +37,14 @@ def source(name: str) -> str:
 
         def header(match: re.Match[str]) -> str:
             included = match[1][1:-1]
-            return read(folder, included) if match[1][0] == '"' else read(*_random123(included))
+            if match[1][0] == '"':
+                return read(folder, included)
+            of_pyopencl, _, header_file = included.partition("/")
+            return read(resources.files("pyopencl") / "cl" / of_pyopencl, header_file)
 
         return _INCLUDE.sub(header, path.read_text(encoding="utf-8"))
 
     return read(resources.files("lightdome.clkernels"), name)
-
-
-def _random123(included: str) -> tuple[Traversable, str]:
-    folder, _, file = included.partition("/")
-    return resources.files("pyopencl") / "cl" / folder, file
 
 
 def check_process(opened_by: int) -> None:
