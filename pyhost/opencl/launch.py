@@ -55,13 +55,13 @@ def launch(
         local = None if device.is_gpu else (1,) * len(size)
     length, *across = size
     step = step or length
-    with Progress(progress) if progress else contextlib.nullcontext() as line:
+    with Progress(progress) if progress and step < length else contextlib.nullcontext() as line:
         for begin in range(0, length, step):
             end = min(begin + step, length)
             offset = (begin, *(0 for _ in across))
             event = kernel(device.queue, (end - begin, *across), local, global_offset=offset, **arguments)
             device.profile.record(stage, event, arrays)
-            if line and step < length:
+            if line:
                 device.wait()
                 line.update(end / length)
 
