@@ -25,11 +25,11 @@ import _start  # noqa: F401 - first, so that Ctrl-C is handled and .venv is foun
 # isort: split
 import argparse
 import math
-import tempfile
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -133,8 +133,8 @@ def refined(bound: Array, exact: Callable[[Array], Array], base: Array | None = 
     return result
 
 
-def parts(u: Array, v: Array, y: Array) -> Array:
-    """Lower bounds of the distances to each kind of surface, (7, n), positive in air; a point lies on the nearest."""
+def parts(u: Array, v: Array, y: Array) -> list[Array]:
+    """Lower bounds of the distances to each kind of surface, positive in air; a point lies on the nearest."""
     av = np.abs(v)
     s = np.abs(u - (EAST - BAY / 2 - BAY * bay_of(u)))
     rise = np.maximum(y - SPRING, 0)
@@ -205,12 +205,12 @@ def parts(u: Array, v: Array, y: Array) -> Array:
     at_altar, under_vault = np.maximum(5.75 - u, y - 0.25), 1.9 - y
     cloth, sticks, flame = refined(at_altar, altar, np.stack([at_altar] * 3))
     chains, lamp = refined(under_vault, lamps, np.stack([under_vault] * 2))
-    return np.stack([shell, ribs, wood, cloth, np.minimum(chains, sticks), lamp, flame])
+    return [shell, ribs, wood, cloth, np.minimum(chains, sticks), lamp, flame]
 
 
 def distance(u: Array, v: Array, y: Array) -> Array:
     """A lower bound of the distance to the nearest surface."""
-    return parts(u, v, y).min(axis=0)
+    return reduce(np.minimum, parts(u, v, y))
 
 
 def march(origin: Array, ray: Array, start: Array | None = None, cone: float = 0.0) -> Array:
@@ -660,12 +660,11 @@ def write(path: Path, pixels: NDArray[np.float16]) -> None:
     spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, "half")
     spec.attribute("compression", "zip:9")
     spec.attribute("DateTime", "")  # or the file would change with every run
-    with replacing(path) as temporary:
-        name = utf8_name(temporary)
-        output = oiio.ImageOutput.create(name)
-        written = output.open(name, spec) and output.write_image(pixels)
-        if not (output.close() and written):
-            raise LightdomeError(f"cannot write {path}: {output.geterror() or 'the writer failed'}")
+    name = utf8_name(path)
+    output = oiio.ImageOutput.create(name)
+    written = output.open(name, spec) and output.write_image(pixels)
+    if not (output.close() and written):
+        raise LightdomeError(f"cannot write {path}: {output.geterror() or 'the writer failed'}")
 
 
 def main() -> None:
@@ -680,14 +679,10 @@ def main() -> None:
     if out.suffix.lower() != ".exr":
         parser.error(f"argument --out: {out} does not end in .exr")
     utf8_name(out)
-    try:
-        with tempfile.NamedTemporaryFile(dir=out.parent):
-            pass  # refuse a place that cannot be written before the work, not after it
-    except OSError as error:
-        raise LightdomeError(f"cannot write {out}: {error.strerror}; choose another --out") from error
     began = time.perf_counter()
-    pixels = render()
-    write(out, pixels)
+    with replacing(out) as temporary:  # refuses a place that cannot be written before the work, not after it
+        pixels = render()
+        write(temporary, pixels)
     luminance = pixels.astype(np.float64).mean(axis=2)
     print(
         f"wrote {out}: {WIDTH} x {HEIGHT}, luminance {luminance.min():.2g} to {luminance.max():.0f}, "
