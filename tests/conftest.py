@@ -15,9 +15,11 @@ from lightdome.pbrt.run import Pbrt, find_pbrt
 
 
 def pytest_configure() -> None:
-    """Let programs that tests start hear SIGINT, even if the suite itself runs as a shell's background job."""
+    """Let programs that tests start hear signals that a background job's shell, or nohup, had the suite ignore."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest selects by marks
