@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+from typing import TYPE_CHECKING
 
 import pytest
 from helpers import GRACE, LONG, Script, command_line, in_gpu_shape, stiff_radiance
@@ -12,6 +13,9 @@ from lightdome.errors import LightdomeError
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.opencl.device import Device, open_device
 from lightdome.pbrt.run import Pbrt, find_pbrt
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def pytest_configure() -> None:
@@ -73,3 +77,14 @@ def script() -> Script:
         return subprocess.run(command, capture_output=True, text=True, timeout=LONG, env={**os.environ, **environment})
 
     return run
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
+    """Figures that would be saved, by the stems of their files: the files stay empty, since drawing takes long."""
+    import lightdome.plotting  # noqa: F401 (it loads matplotlib whatever backend is asked for)
+    from matplotlib.figure import Figure
+
+    found: dict[str, Figure] = {}
+    monkeypatch.setattr(Figure, "savefig", lambda figure, path, **_: found.update({path.name.split(".")[1]: figure}))
+    return found
