@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import sys
 from typing import TYPE_CHECKING
 
 import pytest
-from helpers import GRACE, LONG, Script, command_line, in_gpu_shape, stiff_radiance
+from helpers import GRACE, LONG, Script, command_line, in_gpu_shape, module_of, stiff_radiance
+from lightdome import console
 from lightdome.errors import LightdomeError
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.opencl.device import Device, open_device
@@ -28,9 +30,9 @@ def pytest_configure() -> None:
 
 @pytest.hookimpl(tryfirst=True)  # before pytest selects by marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark tests that run scripts or other programs as slow."""
+    """Mark tests that run commands or other programs as slow."""
     for item in items:
-        if "script" in getattr(item, "fixturenames", ()) or item.get_closest_marker("peer"):
+        if {"script", "run_here"} & set(getattr(item, "fixturenames", ())) or item.get_closest_marker("peer"):
             item.add_marker(pytest.mark.slow)
 
 
@@ -75,6 +77,21 @@ def script() -> Script:
     def run(name: str, *args: object, **environment: str) -> subprocess.CompletedProcess[str]:
         command = command_line(name, *args)
         return subprocess.run(command, capture_output=True, text=True, timeout=LONG, env={**os.environ, **environment})
+
+    return run
+
+
+@pytest.fixture
+def run_here(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Script:
+    """Run a command as ``script`` does, but in this process, whose modules are loaded; its output is the point."""
+
+    def run(name: str, *args: object) -> subprocess.CompletedProcess[str]:
+        words = [f"{name}.py", *map(str, args)]
+        monkeypatch.setattr(sys, "argv", words)
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            console.run(module_of(name).main)
+        return subprocess.CompletedProcess(words, ended.value.code, *capsys.readouterr())
 
     return run
 

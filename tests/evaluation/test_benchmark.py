@@ -189,10 +189,10 @@ def test_the_names_that_can_be_asked_for_are_the_methods_there_are(device: Devic
     assert tuple(benchmark.methods(device, EnvironmentMap(np.ones((4, 8, 3))), R)) == METHODS
 
 
-def test_a_pbrt_that_is_named_is_a_peer(script: Script, tmp_path: Path) -> None:
+def test_a_pbrt_that_is_named_is_a_peer(run_here: Script, tmp_path: Path) -> None:
     write_image(tmp_path / "map.pfm", stiff_radiance(8, 16))
     options = ("--methods", "r2", "--counts", 4, "--spp", 1, "--resolution", 9, "--seeds", 1, "--repeats", 1)
-    result = script("bench", "--map", tmp_path / "map.pfm", *options, "--pbrt", tmp_path, "--out", tmp_path / "out")
+    result = run_here("bench", "--map", tmp_path / "map.pfm", *options, "--pbrt", tmp_path, "--out", tmp_path / "out")
     assert result.returncode == 0, result.stderr
     assert f"peer pbrt {tmp_path}: absent (no program pbrt, pbrt-r4, pbrt-r3 in the folder {tmp_path}" in result.stdout
 

@@ -297,11 +297,11 @@ def test_a_peers_time_is_its_own_clocks(blocks: EnvironmentMap) -> None:
     assert error_against_time([point], "").axes[0].lines[0].get_linestyle() == "-."
 
 
-def test_the_benchmark_measures_peers_and_names_the_absent(script: Script, tmp_path: Path) -> None:
+def test_the_benchmark_measures_peers_and_names_the_absent(run_here: Script, tmp_path: Path) -> None:
     write_image(tmp_path / "map.pfm", stiff_radiance(16, 32))
     arguments = ["bench", "--map", tmp_path / "map.pfm", "--counts", 16, "--spp", 2, "--resolution", 15, "--seeds", 2]
     arguments += ["--repeats", 1, "--methods", "exact", "--out", tmp_path]
-    result = script(*arguments, "--peers", "numpy", "pbrt", "--pbrt", tmp_path / "no pbrt")
+    result = run_here(*arguments, "--peers", "numpy", "pbrt", "--pbrt", tmp_path / "no pbrt")
     assert result.returncode == 0, result.stderr
     name = f"pbrt {tmp_path / 'no pbrt'}"
     assert f"peer {name}: absent (there is no" in result.stdout
@@ -310,18 +310,18 @@ def test_the_benchmark_measures_peers_and_names_the_absent(script: Script, tmp_p
     assert list(written["peers"]) == ["numpy"]
     assert {m["method"]: m["peer"] for m in written["measurements"]} == {"exact": False, "numpy": True}
     assert {m["method"]: m["pixels"] for m in written["measurements"]} == {"exact": "centres", "numpy": "centres"}
-    assert script(*arguments, "--peers", "luxcore").returncode == 2
+    assert run_here(*arguments, "--peers", "luxcore").returncode == 2
 
 
 @pytest.mark.skipif(os.name != "posix", reason="the stand-in for pbrt is an executable script")
-def test_a_peer_that_fails_on_the_way_costs_no_other_result(script: Script, tmp_path: Path) -> None:
+def test_a_peer_that_fails_on_the_way_costs_no_other_result(run_here: Script, tmp_path: Path) -> None:
     program = tmp_path / "pbrt"
     program.write_text(PBRT.replace("np.ones((size,", "np.ones((size if size == 1 else 2,"))
     program.chmod(0o755)
     write_image(tmp_path / "map.pfm", stiff_radiance(16, 32))
     arguments = ["--map", tmp_path / "map.pfm", "--counts", 16, "--spp", 2, 4, "--resolution", 15, "--seeds", 1]
     arguments += ["--repeats", 1, "--methods", "exact", "--peers", "pbrt", "--pbrt", program, "--out", tmp_path]
-    result = script("bench", *arguments)
+    result = run_here("bench", *arguments)
     assert result.returncode == 0, result.stderr
     assert "peer pbrt-v4: absent (failed at 2: " in result.stdout
     for plot in ("error_time", "error_count", "stages", "images"):

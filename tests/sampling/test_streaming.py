@@ -266,14 +266,14 @@ def test_memory_is_for_bands_and_not_for_the_map(tmp_path: Path) -> None:
     np.testing.assert_array_equal(samples.radiance, np.tile(np.float32((1, 2, 3)), (1024, 1)))
 
 
-def test_part_2_draws_the_same_samples_without_pictures(script: Script, tmp_path: Path) -> None:
+def test_part_2_draws_the_same_samples_without_pictures(run_here: Script, tmp_path: Path) -> None:
     write_image(tmp_path / "map.exr", stiff_radiance(21, 43))
     arguments = ("part2_sample", "--map", tmp_path / "map.exr", "--counts", 9, 5, "--sequence", "sobol", "--out")
-    result = script(*arguments, tmp_path / "only", "--samples-only")
+    result = run_here(*arguments, tmp_path / "only", "--samples-only")
     assert result.returncode == 0, result.stderr
     assert "note: the map is 43 x 21" in result.stderr
     assert {path.name for path in (tmp_path / "only").iterdir()} == {"samples_5.npz", "samples_9.npz", "settings.json"}
-    assert script(*arguments, tmp_path / "all").returncode == 0
+    assert run_here(*arguments, tmp_path / "all").returncode == 0
     for name in ("samples_5.npz", "samples_9.npz"):
         assert (tmp_path / "only" / name).read_bytes() == (tmp_path / "all" / name).read_bytes()
 
