@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import re
 import threading
@@ -13,6 +14,7 @@ import numpy as np
 import pyopencl as cl
 import pytest
 from helpers import ROOT
+from lightdome.errors import LightdomeError
 from lightdome.opencl import memory
 from lightdome.opencl.device import Device
 from lightdome.opencl.memory import DeviceArray
@@ -220,16 +222,34 @@ def test_what_a_kernel_works_on_stays_until_it_is_done(device: Device, gate: cl.
     assert alive() is None
 
 
+@contextlib.contextmanager
+def opened_soon(gate: cl.UserEvent) -> Iterator[None]:
+    """Complete ``gate`` while the block waits for it."""
+    opener = threading.Timer(0.1, gate.set_status, [cl.command_execution_status.COMPLETE])
+    opener.start()
+    try:
+        yield
+    finally:
+        opener.join()
+
+
 def test_so_many_launches_are_under_way_and_no_more(device: Device, gate: cl.UserEvent) -> None:
     alive = weigh(device)
     for _ in range(PENDING - 1):
         device.launch("limits/launch", (1,))
     assert alive() is not None
-    opener = threading.Timer(0.1, gate.set_status, [cl.command_execution_status.COMPLETE])
-    opener.start()
-    device.launch("limits/launch", (1,))  # waits for the oldest
-    assert alive() is None
-    opener.join()
+    with opened_soon(gate):
+        device.launch("limits/launch", (1,))  # waits for the oldest
+        assert alive() is None
+
+
+def test_memory_is_refused_once_nothing_is_under_way(device: Device, gate: cl.UserEvent) -> None:
+    """The process may end next, and some compilers, still at work for a kernel, would crash it."""
+    alive = weigh(device)
+    with opened_soon(gate):
+        with pytest.raises(LightdomeError, match="use fewer samples"):
+            memory.empty(device, 2**60, np.uint8)
+        assert alive() is None
 
 
 def test_a_profile_adds_up_what_it_forgets(device: Device) -> None:
