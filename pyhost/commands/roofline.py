@@ -47,6 +47,7 @@ def run(
     sizes: tuple[Sequence[int], Sequence[int], Sequence[int]] | None = None,
     copy_bytes: Sequence[int] | None = None,
 ) -> None:
+    """Measure; ``sizes``, as :data:`SIZES`, and ``copy_bytes`` make a run as small as a test needs it."""
     out = cli.output_folder(args.out)
     envmap = cli.load_map(args)
 

@@ -33,6 +33,7 @@ def main() -> None:
 
 
 def run(args: argparse.Namespace, cases: Sequence[Case] | None = None, draws: int | None = None) -> None:
+    """Measure; ``cases`` and ``draws`` make a run as small as a test needs it."""
     out = cli.output_folder(args.out)
 
     from ..errors import LightdomeError
