@@ -42,7 +42,7 @@ class MitsubaProcess:
     ``stop()``.
     """
 
-    def __init__(self, make: Callable[..., Worker], *arguments: object) -> None:
+    def __init__(self, make: Callable[..., Worker], *arguments: object, start_timeout: float = START_TIMEOUT) -> None:
         # Not forked: a copy of OpenCL's threads and locks would be broken.
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = context.Pipe()
@@ -51,7 +51,7 @@ class MitsubaProcess:
             self._process.start()
         theirs.close()
         self.stop = weakref.finalize(self, _stop, self._process, self._connection)
-        self.about: dict[str, object] = self.call(make, *arguments, timeout=START_TIMEOUT)
+        self.about: dict[str, object] = self.call(make, *arguments, timeout=start_timeout)
 
     def call(self, method: str | Callable[..., Worker], *arguments: object, timeout: float) -> Any:
         """What the worker's ``method`` returns for ``arguments``; what makes the worker, its ``about``.
