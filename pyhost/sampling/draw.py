@@ -1,6 +1,6 @@
 """Draw samples from a map by a CDF of it, at the points of a sequence or at given ones.
 
-Kernels: ``sample.cl``, ``sample_at.cl``, ``sample_pixels.cl``, and each with guide tables.
+Kernels: ``sample.cl``, ``sample_pixels.cl``, and each with guide tables.
 """
 
 from __future__ import annotations
@@ -39,13 +39,18 @@ PIXELS = ("pixel", "probability")  # the outputs of sample_pixels.cl
 class Points:
     """``count`` points in the unit square that samples are made from; :func:`sequence_points` and :func:`given_points`.
 
-    ``kernel`` draws from them, built with ``defines``; ``arguments`` are those that the points need.
+    ``sequence`` makes them from ``key``, a Philox key, unless they are ``given``, (count, 2) uint32.
     """
 
     count: int
-    kernel: str
-    defines: Mapping[str, int]
-    arguments: Mapping[str, Argument]
+    sequence: str
+    key: np.ndarray
+    given: DeviceArray | None = None
+
+    @property
+    def defines(self) -> dict[str, int]:
+        """What kernels are built with."""
+        return {f"SEQUENCE_{self.sequence.upper()}": 1}
 
 
 def sequence_points(count: int, seed: int, sequence: str) -> Points:
@@ -53,13 +58,13 @@ def sequence_points(count: int, seed: int, sequence: str) -> Points:
     key = philox_key(seed)
     checks.choice("sequence", sequence, SEQUENCES)
     count = checks.whole("the number of samples", count, 1, MAX_COUNT)
-    return Points(count, "sample", {f"SEQUENCE_{sequence.upper()}": 1}, {"seed": key})
+    return Points(count, sequence, key)
 
 
 def given_points(device: Device, points: np.ndarray) -> Points:
     """``points`` (N, 2) in [0, 1), to 32 bits."""
     bits = np.floor(points * 2.0**32).astype(np.uint32)
-    return Points(len(bits), "sample_at", {}, {"points": memory.upload(device, bits)})
+    return Points(len(bits), "given", philox_key(0), memory.upload(device, bits))
 
 
 def philox_key(seed: int) -> np.ndarray:
@@ -80,10 +85,10 @@ def room_for(device: Device, count: int, outputs: Iterable[str] = OUTPUTS) -> di
 
 
 def draw(of_map: DeviceMap, cdf: MapCDF, points: Points, outputs: Mapping[str, DeviceArray]) -> None:
-    """Draw a sample at each of ``points`` and write ``outputs``: all of OUTPUTS, or for a sequence PIXELS."""
+    """Draw a sample at each of ``points`` and write ``outputs``: all of OUTPUTS, or PIXELS."""
     device, count = of_map.device, points.count
     results = {"sample_radiance" if name == "radiance" else name: array for name, array in outputs.items()}
-    kernel = points.kernel if "direction" in outputs else "sample_pixels"
+    kernel = "sample" if "direction" in outputs else "sample_pixels"
     angles = {"theta": of_map.theta, "phi": of_map.phi} if "direction" in outputs else {"theta": of_map.theta}
     weights: dict[str, Argument] = {"radiance": of_map.radiance, "scale": of_map.scale}
     guided: Mapping[str, Argument] = {}
@@ -113,7 +118,8 @@ def draw(of_map: DeviceMap, cdf: MapCDF, points: Points, outputs: Mapping[str, D
         height=of_map.height,
         inverse_total=1 / cdf.total,
         count=count,
-        **points.arguments,
+        seed=points.key,
+        points=points.given,
         **results,
     )
 

@@ -119,7 +119,7 @@ def _choose_rows(device: Device, marginal: DeviceArray, points: Points) -> tuple
         marginal_cdf=marginal,
         height=marginal.shape[0],
         count=points.count,
-        **points.arguments,
+        seed=points.key,
         row=row,
         across=across,
     )

@@ -889,8 +889,8 @@ FAULTS: list[Fault] = [
     host(
         "pixels alone are drawn as whole samples",
         "draw.py",
-        'kernel = points.kernel if "direction" in outputs else "sample_pixels"',
-        "kernel = points.kernel",
+        'kernel = "sample" if "direction" in outputs else "sample_pixels"',
+        'kernel = "sample"',
         "a kernel that is not chosen",
     ),
     host(
