@@ -17,7 +17,8 @@ import pyopencl as cl
 
 from .memory import DeviceArray
 
-Argument = DeviceArray | SupportsFloat | SupportsIndex | Sequence[float] | np.ndarray | None  # None: a null pointer
+Argument = DeviceArray | SupportsFloat | SupportsIndex | Sequence[float] | np.ndarray | None
+# None is a null pointer, for what the kernel does not read as it was built.
 
 _SIZES = {"char": 1, "short": 2, "int": 4, "long": 8}  # bytes
 _INTEGERS = {
@@ -48,7 +49,7 @@ class Parameter:
     def cast(self, value: Argument) -> cl.Buffer | np.generic | np.ndarray | None:
         """What pyopencl takes for ``value``. Raises ``TypeError`` for a value that this parameter cannot be."""
         if self.is_pointer:
-            if value is None:
+            if value is None and not self.is_writable:
                 return None
             if not isinstance(value, DeviceArray):
                 raise TypeError(f"must be an array on the device, got {type(value).__name__}")
