@@ -11,13 +11,14 @@ kernel void sample(global const uint *restrict row_cdf,
                    global const float *restrict radiance,
                    global const float2 *restrict theta,
                    global const float2 *restrict phi,
+                   global const ulong2 *restrict row_versines,
                    const uint width,
                    const uint height,
                    const float scale,
                    const float inverse_total,
                    const uint count,
                    const uint2 seed,
-                   global const uint2 *restrict points,
+                   global const ulong2 *restrict points,
                    global float *restrict direction,
                    global float *restrict sample_radiance,
                    global int *restrict pixel,
@@ -27,6 +28,9 @@ kernel void sample(global const uint *restrict row_cdf,
     uint across[BLOCK], down[BLOCK], x[BLOCK], y[BLOCK];
     sequence_block(points, begin, count, 0u, seed, across, down);
     search_pixels(row_cdf, marginal_cdf, width, height, across, down, x, y);
-    store_samples(radiance, theta, phi, width, scale, inverse_total, x, y, begin, n, direction, sample_radiance, pixel,
+    block_angles angles;
+    sample_angles(row_cdf, marginal_cdf, theta, phi, row_versines, points, width, height, count, seed, across, down, x, y,
+                  begin, n, &angles);
+    store_samples(radiance, theta, width, scale, inverse_total, x, y, &angles, begin, n, direction, sample_radiance, pixel,
                   probability);
 }

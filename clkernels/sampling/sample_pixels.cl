@@ -14,7 +14,7 @@ kernel void sample_pixels(global const uint *restrict row_cdf,
                           const float inverse_total,
                           const uint count,
                           const uint2 seed,
-                          global const uint2 *restrict points,
+                          global const ulong2 *restrict points,
                           global int *restrict pixel,
                           global float *restrict probability)
 {

@@ -20,7 +20,7 @@ kernel void sample_pixels_guided(global const uint *restrict row_cdf,
                                  const float inverse_total,
                                  const uint count,
                                  const uint2 seed,
-                                 global const uint2 *restrict points,
+                                 global const ulong2 *restrict points,
                                  global int *restrict pixel,
                                  global float *restrict probability)
 {

@@ -39,7 +39,7 @@ PIXELS = ("pixel", "probability")  # the outputs of sample_pixels.cl
 class Points:
     """``count`` points in the unit square that samples are made from; :func:`sequence_points` and :func:`given_points`.
 
-    ``sequence`` makes them from ``key``, a Philox key, unless they are ``given``, (count, 2) uint32.
+    ``sequence`` makes them from ``key``, a Philox key, unless they are ``given``, (count, 2) uint64.
     """
 
     count: int
@@ -62,9 +62,10 @@ def sequence_points(count: int, seed: int, sequence: str) -> Points:
 
 
 def given_points(device: Device, points: np.ndarray) -> Points:
-    """``points`` (N, 2) in [0, 1), to 32 bits."""
-    bits = np.floor(points * 2.0**32).astype(np.uint32)
-    return Points(len(bits), "given", philox_key(0), memory.upload(device, bits))
+    """``points`` (N, 2): numbers in [0, 1), or uint64 fractions of 2^64."""
+    if points.dtype != np.uint64:
+        points = np.floor(points * 2.0**64).astype(np.uint64)
+    return Points(len(points), "given", philox_key(0), memory.upload(device, points))
 
 
 def philox_key(seed: int) -> np.ndarray:
@@ -84,12 +85,20 @@ def room_for(device: Device, count: int, outputs: Iterable[str] = OUTPUTS) -> di
     return {name: memory.empty(device, (count, *shape), kind) for name, (shape, kind) in kinds.items()}
 
 
-def draw(of_map: DeviceMap, cdf: MapCDF, points: Points, outputs: Mapping[str, DeviceArray]) -> None:
-    """Draw a sample at each of ``points`` and write ``outputs``: all of OUTPUTS, or PIXELS."""
+def draw(
+    of_map: DeviceMap, cdf: MapCDF, points: Points, outputs: Mapping[str, DeviceArray], within: str = "centre"
+) -> None:
+    """Draw a sample at each of ``points`` and write ``outputs``: all of OUTPUTS, or PIXELS; ``within`` is of WITHIN."""
     device, count = of_map.device, points.count
     results = {"sample_radiance" if name == "radiance" else name: array for name, array in outputs.items()}
     kernel = "sample" if "direction" in outputs else "sample_pixels"
-    angles = {"theta": of_map.theta, "phi": of_map.phi} if "direction" in outputs else {"theta": of_map.theta}
+    defines: dict[str, int] = {}
+    angles: dict[str, Argument] = {"theta": of_map.theta}
+    if "direction" in outputs:
+        angles |= {"phi": of_map.phi, "row_versines": None}
+        if within == "pixel":
+            defines["WITHIN_PIXEL"] = 1
+            angles["row_versines"] = of_map.row_versines
     weights: dict[str, Argument] = {"radiance": of_map.radiance, "scale": of_map.scale}
     guided: Mapping[str, Argument] = {}
     if is_guided(count, of_map):
@@ -106,7 +115,7 @@ def draw(of_map: DeviceMap, cdf: MapCDF, points: Points, outputs: Mapping[str, D
         f"sampling/{kernel}",
         (-(-count // block),),
         stage="search",
-        defines={"BLOCK": block, **points.defines},
+        defines={"BLOCK": block, **points.defines, **defines},
         step=device.items_per_launch(SAMPLES_PER_LAUNCH, block),
         progress="sampling",
         row_cdf=cdf.rows,
@@ -124,8 +133,10 @@ def draw(of_map: DeviceMap, cdf: MapCDF, points: Points, outputs: Mapping[str, D
     )
 
 
-def drawn(of_map: DeviceMap, cdf: MapCDF, points: Points, outputs: Iterable[str] = OUTPUTS) -> dict[str, np.ndarray]:
+def drawn(
+    of_map: DeviceMap, cdf: MapCDF, points: Points, outputs: Iterable[str] = OUTPUTS, within: str = "centre"
+) -> dict[str, np.ndarray]:
     """``outputs`` of the samples at ``points``, on the host."""
     arrays = room_for(of_map.device, points.count, outputs)
-    draw(of_map, cdf, points, arrays)
+    draw(of_map, cdf, points, arrays, within)
     return {name: memory.download(of_map.device, array) for name, array in arrays.items()}
