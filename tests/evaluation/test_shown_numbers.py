@@ -18,6 +18,7 @@ from types import SimpleNamespace
 
 import matplotlib.colors
 import numpy as np
+import pyopencl as cl
 import pytest
 from helpers import module_of, stiff_radiance
 from lightdome import plotting, reference
@@ -418,8 +419,8 @@ def test_limits_are_work_over_the_time_of_its_kernels(device: Device, monkeypatc
         def launch(queue: object, size: tuple[int, ...], local: object, /, **arguments: object) -> object:
             run(queue, size, local, **arguments).wait()
             launched.append(size[0])
-            times = SimpleNamespace(start=1_000_000, end=5_000_000)
-            return SimpleNamespace(wait=lambda: None, command_execution_status=0, profile=times)
+            times = {cl.profiling_info.START: 1_000_000, cl.profiling_info.END: 5_000_000}
+            return SimpleNamespace(wait=lambda: None, command_execution_status=0, get_profiling_info=times.get)
 
         return launch
 
