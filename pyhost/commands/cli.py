@@ -85,7 +85,7 @@ def map_options(parser: argparse.ArgumentParser, positional: bool = False) -> No
         "map" if positional else "--map",
         type=Path,
         metavar="MAP" if positional else "FILE",
-        default=None if positional else grace if grace.exists() else data / "default.exr",
+        default=None if positional else (grace if grace.exists() else data / "default.exr"),
         help="latitude-longitude environment map: .exr, .hdr or .pfm",
     )
     parser.add_argument(

@@ -227,7 +227,7 @@ if collection is None:
 for lamp in [lamp for lamp in collection.objects if lamp.type == "LIGHT"]:
     bpy.data.lights.remove(lamp.data)  # and with it the lamp
 for number, (direction, color, strength) in enumerate(LIGHTS):
-    light = bpy.data.lights.new(f"light {{number}}", "SUN")
+    light = bpy.data.lights.new(f"light {{number:03}}", "SUN")
     light.color, light.energy, light.angle = color, strength, 0
     lamp = bpy.data.objects.new(light.name, light)
     lamp.rotation_mode = "QUATERNION"

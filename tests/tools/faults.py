@@ -1653,8 +1653,8 @@ FAULTS: list[Fault] = [
     command(
         "the default map is always the one that ships",
         "cli.py",
-        "default=grace if grace.exists() else data",
-        "default=data",
+        "(grace if grace.exists() else data",
+        "(data",
         "an order of preference",
     ),
     command(
@@ -1668,8 +1668,8 @@ FAULTS: list[Fault] = [
     command(
         "the default map is Grace, there or not",
         "cli.py",
-        'default=grace if grace.exists() else data / "default.exr"',
-        "default=grace",
+        '(grace if grace.exists() else data / "default.exr")',
+        "grace",
         "an order of preference",
     ),
     command(
