@@ -8,7 +8,7 @@ from typing import Literal
 SEQUENCES = ("independent", "stratified", "sobol", "r2")  # points of samples that all pixels share
 PIXEL_SEQUENCES = ("independent", "sobol")  # points of samples for every pixel
 
-LIGHT_METHODS = ("median-cut", *SEQUENCES)  # how a map becomes a few lights
+LIGHT_METHODS = ("median-cut", "sun+median-cut", *SEQUENCES)  # how a map becomes a few lights
 # Files of lights for other programs, and their suffixes.
 LIGHT_FORMATS = {
     "csv": ".csv",

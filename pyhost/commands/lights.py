@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 def main() -> None:
     parser = cli.parser(
         "Turn a map into a few directional lights, as a file for another program.\n\n"
-        "median-cut gives lights of equal energy and is best for few of them; the others draw samples. Together"
-        " they have the flux of the map. Axes and units are at the head of the file.",
+        "median-cut gives lights of equal energy and is best for few of them; sun+median-cut makes the sun one light"
+        " and cuts the rest; the others draw samples. Together the lights have the flux of the map. Axes and units are"
+        " at the head of the file.",
         "map.exr --count 16 --out lights.py",
     )
     cli.map_options(parser, positional=True)
@@ -50,13 +51,36 @@ def main() -> None:
 def make(device: Device, envmap: EnvironmentMap, method: str, count: int, seed: int) -> Lights:
     """``count`` lights of the map; raises :class:`LightdomeError` where it has light in fewer pixels."""
     from ..lighting.lights import Lights
+    from ..sampling.distribution import build_distribution
+
+    if method == "median-cut":
+        return cut(device, envmap, count)
+    if method == "sun+median-cut":
+        return sun_and_cut(device, envmap, count)
+    return Lights.of(build_distribution(device, envmap).sample(count, seed=seed, sequence=method))
+
+
+def sun_and_cut(device: Device, envmap: EnvironmentMap, count: int) -> Lights:
+    """The sun as the first light, and what is left of the map by median cut."""
+    from ..lighting.lights import Lights
+    from ..maps.analysis import split_sun
+
+    if count == 1:
+        raise LightdomeError("the sun is one light and the rest of the map needs others: --count must be at least 2")
+    split = split_sun(envmap)
+    if split.rest.peak == 0:
+        raise LightdomeError("there is nothing but the sun in the map; use --method median-cut")
+    rest = cut(device, split.rest, count - 1)
+    direction = [split.sun.direction_xyz, *rest.direction]
+    return Lights(direction, [split.sun.flux_rgb_radiance_sr, *rest.flux])
+
+
+def cut(device: Device, envmap: EnvironmentMap, count: int) -> Lights:
+    """Lights of equal energy."""
     from ..lighting.median_cut import median_cut
     from ..sampling.distribution import build_distribution
 
-    distribution = build_distribution(device, envmap)
-    if method != "median-cut":
-        return Lights.of(distribution.sample(count, seed=seed, sequence=method))
-    lights = median_cut(distribution, count)
+    lights = median_cut(build_distribution(device, envmap), count)
     if len(lights) < count:
         raise LightdomeError(
             f"only {len(lights)} of the map's pixels have light, so there are no {count} lights; lower --count"
