@@ -87,6 +87,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "memory.py": ("test_resources.py", "test_distribution.py", "test_device.py"),
     "cache.py": ("test_cache.py", "test_install.py", "test_resources.py"),
     "checks.py": ("test_checks.py", "test_samples.py", "test_light_files.py"),
+    "commands/lights.py": ("test_lights.py",),
     "cli.py": ("test_default_map.py", "test_commands.py", "test_options.py", "test_scripts.py", "test_resources.py"),
     "console.py": (
         "test_default_map.py",
@@ -1649,6 +1650,27 @@ FAULTS: list[Fault] = [
         "if isinstance(error, LightdomeError) else _shortage(error)",
         "if isinstance(error, Exception) else _shortage(error)",
         "tracebacks hidden",
+    ),
+    command(
+        "the sun comes on top of the lights",
+        "lights.py",
+        "split.rest, count - 1)",
+        "split.rest, count)",
+        "the sun forgotten in the count",
+    ),
+    command(
+        "the whole map is cut beside the sun",
+        "lights.py",
+        "cut(device, split.rest,",
+        "cut(device, envmap,",
+        "the sun counted twice",
+    ),
+    command(
+        "fewer lights than asked for, unsaid",
+        "lights.py",
+        "if len(lights) < count:",
+        "if not len(lights):",
+        "as median_cut itself",
     ),
     command(
         "the default map is always the one that ships",
