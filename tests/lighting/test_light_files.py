@@ -20,7 +20,7 @@ from lightdome.errors import LightdomeError
 from lightdome.lighting.light_files import write_csv, write_lights, write_pbrt
 from lightdome.lighting.lights import Lights
 from lightdome.lighting.median_cut import median_cut
-from lightdome.lighting.shade import shade, shade_samples
+from lightdome.lighting.shade import shade
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import read_image
 from lightdome.names import LIGHT_FORMATS
@@ -172,13 +172,6 @@ def same(found: np.ndarray, lights: Lights, digits: float = 1e-8) -> None:
     """``found`` (N, 6) are the lights, directions to a float32's digits and fluxes to the share ``digits`` of them."""
     np.testing.assert_allclose(found[:, :3], lights.direction, rtol=0, atol=max(1e-7, digits))
     np.testing.assert_allclose(found[:, 3:], lights.flux, rtol=digits)
-
-
-def test_samples_are_lights(device: Device, stiff: EnvironmentMap) -> None:
-    samples = build_distribution(device, stiff).sample(100)
-    lights = Lights.of(samples)
-    assert len(lights) == 100
-    np.testing.assert_array_equal(shade(device, lights.direction, lights.flux, 32), shade_samples(device, samples, 32))
 
 
 @EACH

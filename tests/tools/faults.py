@@ -86,8 +86,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "benchmark_plot.py": (*SHOWN, "test_benchmark.py"),
     "memory.py": ("test_resources.py", "test_distribution.py", "test_device.py"),
     "cache.py": ("test_cache.py", "test_install.py", "test_resources.py"),
-    "checks.py": ("test_checks.py", "test_samples.py", "test_light_files.py"),
-    "commands/lights.py": ("test_lights.py",),
+    "checks.py": ("test_checks.py", "test_samples.py", "test_lights.py"),
     "cli.py": ("test_default_map.py", "test_commands.py", "test_options.py", "test_scripts.py", "test_resources.py"),
     "console.py": (
         "test_default_map.py",
@@ -115,7 +114,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "interrupts.py": ("test_interrupted.py::test_the_exit_status_says_which_signal_ended_a_script",),
     "launch.py": ("test_launch.py", "test_launches.py"),
     "light_files.py": ("test_light_files.py",),
-    "lights.py": ("test_light_files.py",),
+    "lights.py": ("test_lights.py",),
     "markers.py": ("test_markers.py", "test_scripts.py"),
     "median_cut.py": CUT,
     "run.py": ("test_pbrt.py",),
@@ -148,6 +147,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "stability.py": (*SHOWN, "test_stability.py"),
     "stability_plot.py": (*SHOWN, "test_stability.py"),
     # the commands
+    "commands/lights.py": ("test_lights_command.py",),
     "commands/roofline.py": ("test_options.py", *SHOWN),
     "commands/report.py": ("test_options.py", "test_report.py"),
     "commands/stability.py": ("test_options.py", "test_stability.py"),
