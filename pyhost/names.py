@@ -7,6 +7,7 @@ from typing import Literal
 
 SEQUENCES = ("independent", "stratified", "sobol", "r2")  # points of samples that all pixels share
 PIXEL_SEQUENCES = ("independent", "sobol")  # points of samples for every pixel
+CONVENTIONS = ("lightdome", "pbrt", "mitsuba", "cycles", "gltf", "skylibs")  # of maps: lightdome.maps.conventions
 
 
 @dataclass(frozen=True)
