@@ -118,8 +118,8 @@ def map_options(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         action=_Rotate,
         metavar=("YAW", "PITCH ROLL"),
-        help="turn the map by degrees about +y (counter-clockwise from above), +x and +z, after --convention and --mirror"
-        " (default: 0 0 0)",
+        help="turn the map by degrees about +y (counter-clockwise from above), +x and +z, after --convention and"
+        " --mirror (default: 0 0 0)",
     )
 
 
@@ -140,7 +140,8 @@ def map_arguments(args: argparse.Namespace) -> list[object]:
     if args.sanitize:
         result += ["--sanitize", args.sanitize]
     result += [f"--{name}" for name in ("flip", "mirror") if getattr(args, name)]
-    result += ["--convention", args.convention]
+    if args.convention != CONVENTIONS[0]:
+        result += ["--convention", args.convention]
     return result + (["--rotate", *args.rotate] if args.rotate else [])
 
 

@@ -86,11 +86,13 @@ class Harmonics:
         before = np.stack([x, np.broadcast_to(y[:, None], x.shape), z], axis=-1).reshape(-1, 3) @ matrix
         # The function before it turned, of each degree, at these directions.
         value = np.zeros((order + 1, len(before), 3))
-        azimuth = np.arctan2(before[:, 2], before[:, 0])
+        turn = np.outer(np.arange(order + 1), np.arctan2(before[:, 2], before[:, 0]))
+        cosine, sine = np.cos(turn), np.sin(turn)
         for n, m, legendre in _legendre(order, before[:, 1], np.hypot(before[:, 0], before[:, 2])):
-            value[n] += np.outer(legendre * np.cos(m * azimuth), self.coefficients[n * n + n + m])
+            of_azimuth = np.outer(cosine[m], self.coefficients[n * n + n + m])
             if m > 0:
-                value[n] += np.outer(legendre * np.sin(m * azimuth), self.coefficients[n * n + n - m])
+                of_azimuth += np.outer(sine[m], self.coefficients[n * n + n - m])
+            value[n] += legendre[:, None] * of_azimuth
         value = value.reshape(order + 1, len(y), len(phi), 3)
         weight = weight * 2 * np.pi / len(phi)
         coefficients = np.empty_like(self.coefficients)

@@ -1,8 +1,8 @@
 """How programs lay a latitude-longitude map round the world: which axis is up, and where each column looks.
 
-In all of them row 0 looks up, and columns run to the right for someone inside who turns to the right. They differ in the
-names of the axes and in where the first column looks. A place in a map is (u, v): u from 0 at the left edge to 1 at the
-right one, v from 0 at the top to 1 at the bottom. The centre of the pixel (x, y) is ((x + 1/2) / W, (y + 1/2) / H).
+In all of them row 0 looks up, and columns run to the right for someone inside who turns to the right. They differ in
+the names of the axes and in where the first column looks. A place in a map is (u, v): u from 0 at the left edge to 1 at
+the right one, v from 0 at the top to 1 at the bottom. The centre of the pixel (x, y) is ((x + 1/2) / W, (y + 1/2) / H).
 
 - ``lightdome``: right-handed, +y up, u = atan2(z, x) / 2 pi; columns 0, W/4, W/2, 3W/4 look along +x, +z, -x, -z
 - ``pbrt``: left-handed, +z up, u = atan2(y, x) / 2 pi; +x, +y, -x, -y

@@ -87,9 +87,9 @@ class EnvironmentMap:
 
         Of an EXR file ``layer`` is that of :func:`read_image`.
 
-        With ``flip`` the file's rows are taken in reverse, as where it was written upside down. ``convention`` is that of
-        the program for which the file was made, see :mod:`lightdome.maps.conventions`. Raises :class:`LightdomeError`
-        where the file cannot be read or holds bad pixels.
+        With ``flip`` the file's rows are taken in reverse, as where it was written upside down. ``convention`` is that
+        of the program for which the file was made, see :mod:`lightdome.maps.conventions`. Raises
+        :class:`LightdomeError` where the file cannot be read or holds bad pixels.
         """
         yaw_between(convention, "lightdome")  # before work that would be for nothing
         inspection = Inspection(sanitize)

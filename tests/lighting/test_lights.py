@@ -15,6 +15,7 @@ from lightdome.lighting.lights import Lights, write_csv, write_pbrt
 from lightdome.lighting.median_cut import median_cut
 from lightdome.lighting.shade import shade, shade_samples
 from lightdome.maps.envmap import EnvironmentMap
+from lightdome.maps.rotation import rotation_matrix
 from lightdome.opencl.device import Device
 from lightdome.pbrt.run import Pbrt, render_scene
 from lightdome.pbrt.scenes import Scene
@@ -133,3 +134,20 @@ def test_pbrt_draws_the_same_sphere(device: Device, tmp_path: Path, program: Pbr
     np.testing.assert_allclose(image.mean(axis=(0, 1)), ours.mean(axis=(0, 1)), rtol={3: 1e-5, 4: 5e-3}[version])
     for turned in (image[::-1], image[:, ::-1], image.swapaxes(0, 1)):
         assert reference.relative_rmse(turned, ours) > 0.05
+
+
+def test_lights_turn_with_the_map(device: Device, stiff: EnvironmentMap) -> None:
+    distribution = build_distribution(device, stiff)
+    lights = Lights.of(distribution.sample(200))
+    turned = lights.rotated(20, 30, 40)
+    np.testing.assert_array_equal(turned.flux, lights.flux)
+    expected = lights.direction.astype(np.float64) @ rotation_matrix(20, 30, 40).T
+    np.testing.assert_array_equal(turned.direction, expected.astype(np.float32))
+    assert not turned.direction.flags.writeable
+    yaw = 5 * 360 / stiff.width
+    of_map = Lights.of(build_distribution(device, stiff.rotated(yaw)).sample(200))
+    # The map's seam moved, so that the samples are others; their images are near each other.
+    images = [shade(device, each.direction, each.flux, 31) for each in (lights.rotated(yaw), of_map, lights)]
+    assert reference.relative_rmse(images[0], images[1]) < reference.relative_rmse(images[2], images[1]) / 2
+    with pytest.raises(LightdomeError, match=r"^pitch must be a finite angle"):
+        lights.rotated(0, float("nan"))

@@ -148,7 +148,7 @@ def test_what_cannot_be_used_is_refused_in_one_line() -> None:
         with pytest.raises(LightdomeError, match=r"^unknown convention .* lightdome, pbrt, mitsuba[^\n]*$"):
             call()
     for wrong in ([0, 1], 1.0, [[1, 2, 3, 4]], "up"):
-        with pytest.raises(LightdomeError, match="^direction must be"):
+        with pytest.raises(LightdomeError, match=r"^direction must be"):
             to_axes(wrong, "pbrt")
 
 

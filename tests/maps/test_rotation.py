@@ -81,7 +81,9 @@ def test_any_other_rotation_keeps_the_flux(angles: tuple[float, ...]) -> None:
 
 @pytest.mark.parametrize("pixel", [(0, 5), (17, 0), (9, 35), (4, 20)])
 @pytest.mark.parametrize("angles", [(7.3,), (0, 90), (20, 30, 40)])
-def test_a_bright_pixel_arrives_where_its_direction_is_turned(pixel: tuple[int, int], angles: tuple[float, ...]) -> None:
+def test_a_bright_pixel_arrives_where_its_direction_is_turned(
+    pixel: tuple[int, int], angles: tuple[float, ...]
+) -> None:
     height, width = 18, 36
     radiance = np.zeros((height, width, 3), np.float32)
     radiance[pixel] = 1
