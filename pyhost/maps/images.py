@@ -107,10 +107,16 @@ class ImageRows:
         return ((batch, pixels[:, self._columns]) for batch, pixels in batches)
 
     def reorder(self, columns: np.ndarray) -> None:
-        """Let :meth:`read` yield ``columns``, (W,) numbers of the file's columns, in this order."""
-        columns = checks.array("columns", columns, (self.width,), np.int64)
+        """Let :meth:`read` yield the file's columns in the order of ``columns``, (W,) numbers.
+
+        Raises :class:`LightdomeError` where these are not all columns, each once.
+        """
+        columns = checks.array("columns", columns, (self.width,))
+        in_file = np.arange(self.width)
+        if not np.array_equal(np.sort(columns), in_file):
+            raise LightdomeError(f"columns must hold each number from 0 to {self.width - 1} once")
         # Each batch is copied where columns move.
-        self._columns = None if np.array_equal(columns, np.arange(self.width)) else columns
+        self._columns = None if np.array_equal(columns, in_file) else columns.astype(np.int64)
 
     def _read(self, rows: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """The same of the file's own rows, from the top as it says."""

@@ -987,8 +987,8 @@ FAULTS: list[Fault] = [
     host(
         "flip is ignored where rows are read",
         "images.py",
-        "        if not self.flip:\n            return self._read(rows)\n",
-        "        if True:\n            return self._read(rows)\n",
+        "        if self.flip:\n            read",
+        "        if False:\n            read",
         "an option ignored",
     ),
     host(
@@ -2361,9 +2361,9 @@ FAULTS: list[Fault] = [
     ),
     command(
         "report: --flip is not passed on",
-        "report.py",
-        '*(["--flip"] if args.flip else [])',
-        "*([])",
+        "cli.py",
+        'for name in ("flip", "mirror") if',
+        'for name in ("mirror",) if',
         "an option ignored",
     ),
     command(
