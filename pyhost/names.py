@@ -7,6 +7,7 @@ from typing import Literal
 
 SEQUENCES = ("independent", "stratified", "sobol", "r2")  # points of samples that all pixels share
 PIXEL_SEQUENCES = ("independent", "sobol")  # points of samples for every pixel
+CONVENTIONS = ("lightdome", "pbrt", "mitsuba", "cycles", "gltf", "skylibs")  # of maps: lightdome.maps.conventions
 
 LIGHT_METHODS = ("median-cut", "sun+median-cut", *SEQUENCES)  # how a map becomes a few lights
 # Files of lights for other programs, and their suffixes.

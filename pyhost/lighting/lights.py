@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .. import checks
+from ..maps.rotation import rotation_matrix
 from ..sampling.samples import Samples
 
 
@@ -44,3 +45,12 @@ class Lights:
         """The lights that a set of samples is."""
         checks.instance("samples", samples, Samples)
         return checks.made(cls, direction=samples.direction, flux=samples.flux)
+
+    def rotated(self, yaw: float, pitch: float = 0.0, roll: float = 0.0) -> Lights:
+        """The lights after the world turned, as :meth:`lightdome.EnvironmentMap.rotated` has it; fluxes stay.
+
+        For samples, rotate ``Lights.of(samples)``: their pixels are those of the map that they came from. Raises
+        :class:`LightdomeError` for an angle that is not finite.
+        """
+        direction = self.direction @ rotation_matrix(yaw, pitch, roll).T
+        return checks.made(Lights, direction=direction.astype(np.float32), flux=self.flux)

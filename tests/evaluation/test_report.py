@@ -316,9 +316,9 @@ def test_other_programs_that_are_there_are_measured(
     monkeypatch.setattr(the_script, "Runs", Runs)
     monkeypatch.setattr(report, "write", lambda *_: 0)
     monkeypatch.setattr(mitsuba_process, "installed", lambda: there)
-    options = argparse.Namespace(
-        map=small_map, layer=None, flip=False, out=tmp_path, device=None, quick=True, sanitize=False, pbrt=None
-    )
+    of_map = {"map": small_map, "layer": None, "sanitize": None, "flip": False}
+    of_map |= {"convention": "lightdome", "mirror": False, "rotate": None}
+    options = argparse.Namespace(**of_map, out=tmp_path, device=None, quick=True, pbrt=None)
     the_script.make(options)
     assert ("mitsuba" in asked["stability"], "mitsuba" in asked["bench"], "pbrt" in asked["bench"]) == (there,) * 3
     assert "numpy" in asked["bench"]

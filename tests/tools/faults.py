@@ -100,7 +100,8 @@ TESTS: dict[str, tuple[str, ...]] = {
     "disc.py": ("test_sphere.py", "test_render.py"),
     "distribution.py": ("test_distribution.py", "test_launches.py", "test_checks.py"),
     "draw.py": ("test_distribution.py", "test_launches.py", "test_checks.py"),
-    "envmap.py": ("test_envmap.py", "test_distribution.py"),
+    "conventions.py": ("test_conventions.py",),
+    "envmap.py": ("test_envmap.py", "test_distribution.py", "test_conventions.py", "test_rotation.py"),
     "geometry.py": ("test_envmap.py", "test_distribution.py"),
     "equal_area.py": ("test_pbrt.py",),
     "exr.py": ("test_exr.py",),
@@ -130,6 +131,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "progress.py": ("test_progress.py",),
     "radiance_hdr.py": ("test_hdr.py",),
     "rates.py": ("test_device.py",),
+    "rotation.py": ("test_rotation.py",),
     "reference.py": ("test_stability.py", "test_sphere.py"),
     "per_pixel.py": RENDER,
     "mitsuba_process.py": ("test_mitsuba_process.py",),
@@ -804,6 +806,66 @@ FAULTS: list[Fault] = [
         "a quick look taken for the whole",
     ),
     host(
+        "the file's convention is applied, not undone",
+        "envmap.py",
+        'result.to_convention("lightdome", from_=convention)',
+        'result.to_convention(convention, from_="lightdome")',
+        "an inverse",
+    ),
+    host(
+        "a map turned keeps a peak that it may not have",
+        "envmap.py",
+        "peak = float(radiance.max())\n        return checks",
+        "peak = self.peak\n        return checks",
+        "a value not kept up",
+    ),
+    host(
+        "conventions: a quarter turn for three",
+        "conventions.py",
+        "return -90.0 * ((preset(to)",
+        "return 90.0 * ((preset(to)",
+        "a sign",
+    ),
+    host("conventions: up goes down", "conventions.py", "np.hypot(x, z), y)", "np.hypot(x, z), -y)", "a sign"),
+    host(
+        "conventions: axes there for axes back",
+        "conventions.py",
+        "preset(name).matrix @ preset(from_).matrix.T",
+        "preset(name).matrix.T @ preset(from_).matrix",
+        "an inverse",
+    ),
+    host(
+        "rotations: yaw first", "rotation.py", "about_y @ about_x @ about_z", "about_z @ about_x @ about_y", "an order"
+    ),
+    host(
+        "rotations: the map turns against the world",
+        "rotation.py",
+        "columns = -math.atan2(",
+        "columns = math.atan2(",
+        "a sign",
+    ),
+    host(
+        "rotations: half a column is whole",
+        "rotation.py",
+        "abs(columns - whole) <= COLUMN",
+        "abs(columns - whole) <= 0.5",
+        "a tolerance too wide",
+    ),
+    host(
+        "rotations: upside down passes for a yaw",
+        "rotation.py",
+        "if matrix[1, 1] != 1:",
+        "if abs(matrix[1, 1]) != 1:",
+        "a sign forgotten",
+    ),
+    host(
+        "lights turn the other way",
+        "lights.py",
+        "rotation_matrix(yaw, pitch, roll).T",
+        "rotation_matrix(yaw, pitch, roll)",
+        "an inverse",
+    ),
+    host(
         "bad pixels' share without sin(theta)",
         "envmap.py",
         "sum(light * sine[row] for row, light",
@@ -927,8 +989,8 @@ FAULTS: list[Fault] = [
     host(
         "flip is ignored where rows are read",
         "images.py",
-        "        if not self.flip:\n            return self._read(rows)\n",
-        "        if True:\n            return self._read(rows)\n",
+        "        if self.flip:\n            read",
+        "        if False:\n            read",
         "an option ignored",
     ),
     host(
@@ -1266,9 +1328,23 @@ FAULTS: list[Fault] = [
     host(
         "harmonics: sine and cosine exchanged",
         "harmonics.py",
-        "coefficients[n * n + n - m] = y @ weighted[:, m, 1]",
-        "coefficients[n * n + n - m] = y @ weighted[:, m, 0]",
+        "coefficients[n * n + n - m] = legendre @ weighted[:, m, 1]",
+        "coefficients[n * n + n - m] = legendre @ weighted[:, m, 0]",
         "a copied line",
+    ),
+    host(
+        "harmonics: one azimuth too few for products",
+        "harmonics.py",
+        "np.arange(2 * order + 1) / (2 * order + 1)",
+        "np.arange(2 * order) / (2 * order)",
+        "a quadrature of too low a degree",
+    ),
+    host(
+        "harmonics: turned the other way",
+        "harmonics.py",
+        "axis=-1).reshape(-1, 3) @ matrix",
+        "axis=-1).reshape(-1, 3) @ matrix.T",
+        "an inverse",
     ),
     host(
         "harmonics: albedo ignored",
@@ -1695,13 +1771,20 @@ FAULTS: list[Fault] = [
         "an order of preference",
     ),
     command(
-        "--flip is ignored", "cli.py", "layer=args.layer, flip=args.flip)", "layer=args.layer)", "an option ignored"
+        "--flip is ignored", "cli.py", "layer=args.layer, flip=args.flip,", "layer=args.layer,", "an option ignored"
+    ),
+    command(
+        "--mirror after --rotate",
+        "cli.py",
+        "np.roll(columns[::-1] if args.mirror else columns, shifts[1])",
+        "np.roll(columns, shifts[1])[:: -1 if args.mirror else 1]",
+        "an order",
     ),
     command(
         "--layer is ignored",
         "cli.py",
-        "layer=args.layer, flip=args.flip)",
-        "flip=args.flip)",
+        "layer=args.layer, flip=args.flip,",
+        "flip=args.flip,",
         "an option ignored",
         ("test_exr.py",),
     ),
@@ -2336,9 +2419,9 @@ FAULTS: list[Fault] = [
     ),
     command(
         "report: --flip is not passed on",
-        "report.py",
-        '*(["--flip"] if args.flip else [])',
-        "*([])",
+        "cli.py",
+        'for name in ("flip", "mirror") if',
+        'for name in ("mirror",) if',
         "an option ignored",
     ),
     command(
