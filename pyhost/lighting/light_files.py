@@ -120,7 +120,7 @@ def _json(direction: np.ndarray, flux: np.ndarray) -> str:
 def _pbrt(direction: np.ndarray, flux: np.ndarray) -> str:
     lines = [
         "# lightdome: directional lights for PBRT-v3 and PBRT-v4; +y is up.",
-        "# L is the irradiance of a surface that faces the light.",
+        "# L is the irradiance of a surface that faces the light. The scene must start with Scale -1 1 1.",
     ]
     lines += [
         f'LightSource "distant" "point3 from" [{_join(d)}] "point3 to" [0 0 0] "rgb L" [{_join(f)}]'
