@@ -28,6 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .. import checks
+from ..errors import LightdomeError
 from ..names import CONVENTIONS
 from .geometry import directions
 
@@ -100,17 +101,18 @@ def yaw_between(from_: object, to: object) -> float:
 
 
 def to_axes(direction: np.ndarray, name: str, from_: str = "lightdome") -> np.ndarray:
-    """Directions (..., 3) in the axes of the program ``name``, from those of ``from_``: exact, of the same type.
+    """Directions (..., 3) in the axes of the program ``name``, from those of ``from_``: exact, no float changes its type.
 
-    Raises :class:`LightdomeError` for an unknown convention.
+    Raises :class:`LightdomeError` for an unknown convention, and for another shape.
     """
     matrix = preset(name).matrix @ preset(from_).matrix.T
-    direction = checks.array("direction", direction, dtype=None)
-    if direction.ndim == 0 or direction.shape[-1] != 3:
-        checks.array("direction", direction, ("...", 3))
+    direction = checks.array("direction", direction)
+    if direction.shape[-1:] != (3,):
+        raise LightdomeError(f"direction must be an array of shape (..., 3), got shape {direction.shape}")
+    if direction.dtype.kind != "f":
+        direction = direction.astype(np.float64)
     source = np.abs(matrix).argmax(axis=1)
-    sign = matrix[np.arange(3), source].astype(direction.dtype if direction.dtype.kind != "u" else np.int64)
-    return direction[..., source] * sign
+    return direction[..., source] * matrix[np.arange(3), source].astype(direction.dtype)
 
 
 def to_uv(direction: np.ndarray, name: str = "lightdome") -> np.ndarray:
@@ -125,8 +127,7 @@ def to_uv(direction: np.ndarray, name: str = "lightdome") -> np.ndarray:
 
 
 def from_uv(u: np.ndarray, v: np.ndarray, name: str = "lightdome") -> np.ndarray:
-    """The unit vectors (..., 3) float64, in the axes of ``name``, to which places in its map belong; u and v are
-    broadcast.
+    """The unit vectors (..., 3) float64, in the axes of ``name``, at places in its map; u and v are broadcast.
 
     Raises :class:`LightdomeError` for an unknown convention.
     """

@@ -62,7 +62,7 @@ def test_a_place_and_its_direction_lead_to_each_other(name: str) -> None:
     np.testing.assert_allclose(to_uv(from_uv(u, v, name), name), np.stack([u, v], axis=-1), atol=1e-15)
 
 
-@pytest.mark.parametrize("kind", [np.float32, np.float64, np.int32, np.uint8])
+@pytest.mark.parametrize("kind", [np.float32, np.float64, np.uint8])
 @pytest.mark.parametrize("name", CONVENTIONS)
 def test_axes_change_exactly(name: str, kind: type) -> None:
     d = (10 * some_directions()).astype(kind)
@@ -71,7 +71,7 @@ def test_axes_change_exactly(name: str, kind: type) -> None:
     np.testing.assert_array_equal(there, expected)
     np.testing.assert_array_equal(to_axes(there, "lightdome", name), d)
     np.testing.assert_array_equal(to_axes(to_axes(d, "cycles"), name, "cycles"), there)
-    assert kind is np.uint8 or there.dtype == kind
+    assert there.dtype == (np.float64 if kind is np.uint8 else kind)
 
 
 @pytest.mark.parametrize("name", CONVENTIONS)
