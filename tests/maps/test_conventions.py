@@ -36,9 +36,11 @@ FORMULAS: dict[str, Formula] = {
 AXES = {"pbrt": lambda x, y, z: (x, z, y), "cycles": lambda x, y, z: (x, -z, y)}
 
 
-def some_directions(count: int = 50) -> np.ndarray:
-    d = np.random.default_rng(3).normal(size=(count, 3))
-    return d / np.linalg.norm(d, axis=1)[:, None]
+def some_directions() -> np.ndarray:
+    d = np.random.default_rng(3).normal(size=(50, 3))
+    d /= np.linalg.norm(d, axis=1)[:, None]
+    seam = [[1, -1e-20, 1e-20], [1, 1e-20, -1e-20], [-1e-20, -1e-20, -1], [1e-20, 1e-20, 1], [-1, 0, 0], [0, 1, 0]]
+    return np.concatenate([d, seam, -np.array(seam)])
 
 
 def test_there_is_a_preset_for_every_name() -> None:
