@@ -54,7 +54,7 @@ def conventions() -> Figure:
     for panel, name in zip(figure.subplots(2, 3).flat, PRESETS, strict=True):
         own = to_axes(AXES, name)
         labels = {axis_name(axis): to_uv(axis, name) for axis in own}
-        hand = "left" if np.linalg.det(PRESETS[name].matrix) < 0 else "right"
+        hand = "left" if np.linalg.det(PRESETS[name].axes) < 0 else "right"
         show(panel, labelled_map().to_convention(name), labels, f"{name}: {axis_name(own[4])} up, {hand}-handed")
     return figure
 

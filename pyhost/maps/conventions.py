@@ -28,6 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .. import checks
+from ..errors import LightdomeError
 from ..names import CONVENTIONS
 from .geometry import directions
 
@@ -36,53 +37,44 @@ from .geometry import directions
 class Convention:
     """What a program does with a map.
 
-    - ``axes``: the program's x, y and z, as axes of lightdome's
+    - ``axes``: the program's x, y and z in lightdome's axes, the rows of a signed permutation
     - ``quarters``: by how many quarters of its width lightdome's map moves to the right in the program's file
     - ``source``: where the program says so
     """
 
-    axes: tuple[str, str, str]
+    axes: tuple[tuple[int, int, int], ...]
     quarters: int
     source: str
 
-    @property
-    def matrix(self) -> np.ndarray:
-        """The signed permutation, (3, 3) float64, from lightdome's axes to the program's."""
-        return np.array([AXES[axis] for axis in self.axes])
 
-
-AXES = {
-    sign + axis: tuple(-1.0 if sign and axis == other else float(axis == other) for other in "xyz")
-    for axis in "xyz"
-    for sign in ("", "-")
-}
+X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
 PRESETS = {
-    "lightdome": Convention(("x", "y", "z"), 0, "lightdome.maps.geometry"),
+    "lightdome": Convention((X, Y, Z), 0, "lightdome.maps.geometry"),
     "pbrt": Convention(
-        ("x", "z", "y"),
+        (X, Z, Y),
         0,
         "PBRT-v3, InfiniteAreaLight::Le: https://github.com/mmp/pbrt-v3/blob/master/src/lights/infinite.cpp",
     ),
     "mitsuba": Convention(
-        ("x", "y", "z"),
+        (X, Y, Z),
         1,
         "Mitsuba 3, EnvironmentMapEmitter::eval:"
         " https://github.com/mitsuba-renderer/mitsuba3/blob/master/src/emitters/envmap.cpp",
     ),
     "cycles": Convention(
-        ("x", "-z", "y"),
+        (X, (0, 0, -1), Y),
         2,
         "Cycles, direction_to_equirectangular:"
         " https://projects.blender.org/blender/cycles/src/branch/main/src/kernel/camera/projection.h",
     ),
     "gltf": Convention(
-        ("x", "y", "z"),
+        (X, Y, Z),
         2,
         "three.js, equirectUv:"
         " https://github.com/mrdoob/three.js/blob/dev/src/renderers/shaders/ShaderChunk/common.glsl.js",
     ),
     "skylibs": Convention(
-        ("x", "y", "z"),
+        (X, Y, Z),
         3,
         "skylibs, world2latlong: https://github.com/soravux/skylibs/blob/master/envmap/projections.py",
     ),
@@ -100,17 +92,18 @@ def yaw_between(from_: object, to: object) -> float:
 
 
 def to_axes(direction: np.ndarray, name: str, from_: str = "lightdome") -> np.ndarray:
-    """Directions (..., 3) in the axes of the program ``name``, from those of ``from_``: exact, of the same type.
+    """Directions (..., 3) in the axes of ``name``, from those of ``from_``: exact, and floats keep their type.
 
-    Raises :class:`LightdomeError` for an unknown convention.
+    Raises :class:`LightdomeError` for an unknown convention, and for another shape.
     """
-    matrix = preset(name).matrix @ preset(from_).matrix.T
-    direction = checks.array("direction", direction, dtype=None)
-    if direction.ndim == 0 or direction.shape[-1] != 3:
-        checks.array("direction", direction, ("...", 3))
+    matrix = np.array(preset(name).axes) @ np.transpose(preset(from_).axes)
+    direction = checks.array("direction", direction)
+    if direction.shape[-1:] != (3,):
+        raise LightdomeError(f"direction must be an array of shape (..., 3), got shape {direction.shape}")
+    if direction.dtype.kind != "f":
+        direction = direction.astype(np.float64)
     source = np.abs(matrix).argmax(axis=1)
-    sign = matrix[np.arange(3), source].astype(direction.dtype if direction.dtype.kind != "u" else np.int64)
-    return direction[..., source] * sign
+    return direction[..., source] * matrix[np.arange(3), source].astype(direction.dtype)
 
 
 def to_uv(direction: np.ndarray, name: str = "lightdome") -> np.ndarray:
@@ -121,12 +114,13 @@ def to_uv(direction: np.ndarray, name: str = "lightdome") -> np.ndarray:
     """
     x, y, z = np.moveaxis(to_axes(direction, "lightdome", name).astype(np.float64), -1, 0)
     u = np.arctan2(z, x) / (2 * np.pi) + preset(name).quarters / 4
-    return np.stack([u - np.floor(u), np.arctan2(np.hypot(x, z), y) / np.pi], axis=-1)
+    u = u - np.floor(u)
+    u = np.where(u < 1, u, 0)  # just below 0 rounds to 1
+    return np.stack([u, np.arctan2(np.hypot(x, z), y) / np.pi], axis=-1)
 
 
 def from_uv(u: np.ndarray, v: np.ndarray, name: str = "lightdome") -> np.ndarray:
-    """The unit vectors (..., 3) float64, in the axes of ``name``, to which places in its map belong; u and v are
-    broadcast.
+    """The unit vectors (..., 3) float64, in the axes of ``name``, at places in its map; u and v are broadcast.
 
     Raises :class:`LightdomeError` for an unknown convention.
     """

@@ -338,6 +338,9 @@ def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
         expected = EnvironmentMap(world.radiance["map"]).rotated(10, 20, 30)
         samples = build_distribution(world.device, expected).sample(40)
         np.testing.assert_array_equal(Samples.load(ran.out / "samples_40.npz").radiance, samples.radiance)
+        for bad in (["nan"], ["-inf"], ["1", "2"], ["1", "2", "3", "4"], ["left"]):
+            with pytest.raises(SystemExit):
+                world.run(script, "--rotate", *bad)
         for turn in (["1"], ["0", "20", "30"]):
             with pytest.raises(LightdomeError, match=r"^--samples-only moves whole columns, of which this map has 32"):
                 world.base(script, "--samples-only", "--rotate", *turn)

@@ -830,8 +830,8 @@ FAULTS: list[Fault] = [
     host(
         "conventions: axes there for axes back",
         "conventions.py",
-        "preset(name).matrix @ preset(from_).matrix.T",
-        "preset(name).matrix.T @ preset(from_).matrix",
+        "np.array(preset(name).axes) @ np.transpose(preset(from_).axes)",
+        "np.transpose(preset(name).axes) @ np.array(preset(from_).axes)",
         "an inverse",
     ),
     host(
