@@ -3,7 +3,8 @@
 A file is read twice, in bands of rows, so that it may be larger than the memory. All sums are in float64 and take a
 pixel as the direction of its centre, with its exact solid angle. Luminance is I = (R + G + B) / 3, rounded to float32,
 whose order is that of its bits: two counts of 2^16 bins each, the second within a bin of the first, give exact
-percentiles. Bad values count as 0 in all but their own counts.
+percentiles. NaN and negative values are counted, and are 0 in all else. So are infinite ones, but in a file of half
+floats, where they are 65504: there they are most often a sun.
 """
 
 from __future__ import annotations
@@ -22,8 +23,21 @@ from ..progress import Progress
 from .envmap import EnvironmentMap, Inspection
 from .geometry import column_angles, directions, row_angles, solid_angles
 from .images import ImageRows
-from .sun import CELL_ROWS, GROUP, MAX_RIVAL, PATCH, Cells, Patch, Region, Sun, azimuth_elevation, distance
-from .sun import find_region, luminance, measure
+from .sun import (
+    CELL_ROWS,
+    GROUP,
+    MAX_RIVAL,
+    PATCH,
+    Cells,
+    Patch,
+    Region,
+    Sun,
+    azimuth_elevation,
+    distance,
+    find_region,
+    luminance,
+    measure,
+)
 
 BLOCK_PIXELS = 2**18
 SIDES = ("up", "down", "plus_x", "minus_x", "plus_z", "minus_z")
@@ -64,12 +78,13 @@ class Clipping:
 
 @dataclass(frozen=True)
 class Analysis:
-    """What :func:`analyse` found. Radiance and luminance are in the map's own unit, ``_radiance_sr`` is that x steradian.
+    """What :func:`analyse` found. Radiance and luminance are in the map's own unit, ``_sr`` is that x steradian.
 
     - ``format``: of the file, None for an array; ``projection``: ``"latlong"``; ``notes``: remarks on the file
-    - ``nan_pixels``, ``infinite_pixels``, ``negative_pixels``: with such a value in any channel; minus infinity is negative
-    - ``luminance_...``: of pixels; percentiles and median by solid angle, so that poles do not count too much: half of
-      all directions are darker than the median
+    - ``nan_pixels``, ``infinite_pixels``, ``negative_pixels``: with such a value in any channel; minus infinity counts
+      as negative
+    - ``luminance_...``: of pixels; ``..._by_solid_angle``, so that the poles' many pixels do not count too much: half
+      of all directions are at most as bright as the median
     - ``range_stops``: log2 of the maximum over the luminance that 1 % of all lit solid angle stays below
     - ``mean_radiance_rgb``: over all directions; ``flux_rgb_radiance_sr``: 4 pi of it
     - ``irradiance_..._rgb_radiance_sr``: of a surface that faces up (+y), down (-y), or +x, -x, +z, -z
@@ -90,9 +105,9 @@ class Analysis:
     infinite_pixels: int
     negative_pixels: int
     luminance_minimum: float
-    luminance_median: float
-    luminance_99_percent: float
-    luminance_99_9_percent: float
+    luminance_median_by_solid_angle: float
+    luminance_99_percent_by_solid_angle: float
+    luminance_99_9_percent_by_solid_angle: float
     luminance_maximum: float
     range_stops: float | None
     clipping: Clipping
@@ -134,7 +149,7 @@ def analyse(
 ) -> Analysis:
     """Say what is in a map: a file, which is read in bands, an :class:`EnvironmentMap`, or radiance (H, W, 3).
 
-    ``layer`` and ``flip`` are those of :func:`lightdome.read_image`. Bad values are counted, and are 0 in all else.
+    ``layer`` and ``flip`` are those of :func:`lightdome.read_image`. Bad values are counted: see the module.
 
     The number of samples is for the image of the sphere that :func:`lightdome.shade_samples` makes from ``independent``
     samples: with the one-sample estimate X = max(0, n . w) (L / I) Phi of the irradiance E, the relative RMSE of N
@@ -175,7 +190,7 @@ class _Map:
         self.height, self.width = height, width
         self._rows = rows
         self._radiance = radiance
-        self.inspection = Inspection("black")
+        self.inspection = self._fresh_inspection()
 
     @classmethod
     def of(cls, source: object, layer: str | None, flip: bool) -> _Map:
@@ -188,6 +203,10 @@ class _Map:
         if 0 in radiance.shape:
             raise LightdomeError(f"the map must have at least one pixel, got shape {radiance.shape}")
         return cls(*radiance.shape[:2], None, radiance)
+
+    def _fresh_inspection(self) -> Inspection:
+        is_half = self._rows is not None and self._rows.largest == LARGEST_HALF
+        return Inspection("clamp" if is_half else "black", LARGEST_HALF)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -208,7 +227,7 @@ class _Map:
 
         Each block is small and lies in one row of :class:`Cells`. They come in the order of the file.
         """
-        self.inspection = Inspection("black")
+        self.inspection = self._fresh_inspection()
         everything = np.arange(self.height)
         batches = self._rows.read(everything) if self._rows else [(everything, self._radiance)]
         most, done = max(1, BLOCK_PIXELS // self.width), 0
@@ -395,9 +414,9 @@ def _examined(of: _Map) -> tuple[Analysis, Region | None]:
         infinite_pixels=infinite,
         negative_pixels=bad.negative if bad else 0,
         luminance_minimum=float(np.float32(light.minimum)),
-        luminance_median=percentiles[0],
-        luminance_99_percent=percentiles[1],
-        luminance_99_9_percent=percentiles[2],
+        luminance_median_by_solid_angle=percentiles[0],
+        luminance_99_percent_by_solid_angle=percentiles[1],
+        luminance_99_9_percent_by_solid_angle=percentiles[2],
         luminance_maximum=float(np.float32(light.maximum)),
         range_stops=float(np.log2(light.maximum / darkest)) if is_lit else None,
         clipping=clipping,
@@ -426,7 +445,7 @@ def _triple(values: np.ndarray) -> tuple[float, float, float]:
 
 
 def _candidates(light: _Light) -> list[np.ndarray]:
-    """Where the sun may be: towards most light, and towards the brightest pixel, as a sun that is cut off may have little."""
+    """Where the sun may be: towards most light, and towards the brightest pixel, for one that is cut off."""
     if not light.total > 0:
         return []
     most = light.cells.brightest()

@@ -6,6 +6,7 @@ centre alone, so that the map's seam and its poles are places like any other.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +31,8 @@ class Sun:
     """A small source, above what surrounds it.
 
     - ``direction_xyz``: unit vector towards its centre of light; +y is up
-    - ``azimuth_degrees``: from +x towards +z, 0 to 360, as columns of the map run; ``elevation_degrees``: from the horizon
+    - ``azimuth_degrees``: from +x towards +z, 0 to 360, as columns of the map run
+    - ``elevation_degrees``: from the horizon, 90 is straight up
     - ``angular_radius_degrees``: of the even disc with the same sum of L and the same sum of L^2
     - ``flux_rgb_radiance_sr``: the sum of L x solid angle: what a directional light in its place has
     - ``irradiance_rgb_radiance_sr``: of a surface that faces it; less than the flux by the cosines over its disc
@@ -187,16 +189,18 @@ def find_region(patch: Patch, start: np.ndarray, pixel: float) -> Region | str:
     ring = (apart > reach) & (apart <= 1.5 * reach + 2 * pixel) & ~bright
     if not ring.any():
         ring = outside
-    surroundings = solid_angle[ring] @ patch.radiance[ring] / solid_angle[ring].sum()
-    return Region(centre, reach, threshold, surroundings.astype(np.float32).astype(np.float64))
+    surroundings = (solid_angle[ring] @ patch.radiance[ring] / solid_angle[ring].sum()).astype(np.float32)
+    surroundings = surroundings.astype(np.float64)
+    # Pixels that it covers in part belong to it too.
+    return Region(centre, reach, max(2 * float(luminance(surroundings)), math.ulp(0.0)), surroundings)
 
 
 def _reach(apart: np.ndarray, bright: np.ndarray, solid_angle: np.ndarray, pixel: float) -> float:
-    """How far the source goes: to the end of the first ring of a pixel's width that is less than a quarter bright."""
-    ring = (apart / pixel).astype(int)
+    """How far the source goes: a pixel beyond the first ring of a pixel's width that is less than a quarter bright."""
+    ring = np.rint(apart / pixel).astype(int)
     lit, whole = np.bincount(ring, solid_angle * bright), np.bincount(ring, solid_angle)
     dark = (whole > 0) & (lit < 0.25 * whole)
-    return (int(np.argmax(dark)) + 1 if dark.any() else len(dark)) * pixel
+    return ((int(np.argmax(dark)) if dark.any() else len(dark)) + 1.5) * pixel
 
 
 def _median(values: np.ndarray, weights: np.ndarray) -> float:
