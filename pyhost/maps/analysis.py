@@ -20,7 +20,7 @@ from ..disc import disc_mask
 from ..errors import LightdomeError
 from ..float_range import LARGEST, LARGEST_HALF
 from ..progress import Progress
-from .envmap import EnvironmentMap, Inspection
+from .envmap import EnvironmentMap, Inspection, shape_note
 from .geometry import column_angles, directions, row_angles, solid_angles
 from .images import ImageRows
 from .sun import (
@@ -80,7 +80,7 @@ class Clipping:
 class Analysis:
     """What :func:`analyse` found. Radiance and luminance are in the map's own unit, ``_sr`` is that x steradian.
 
-    - ``format``: of the file, None for an array; ``projection``: ``"latlong"``; ``notes``: remarks on the file
+    - ``format``: of the file, None for an array; ``projection``: ``"latlong"``; ``notes``: remarks
     - ``nan_pixels``, ``infinite_pixels``, ``negative_pixels``: with such a value in any channel; minus infinity counts
       as negative
     - ``luminance_...``: of pixels; ``..._by_solid_angle``, so that the poles' many pixels do not count too much: half
@@ -210,7 +210,8 @@ class _Map:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        return self._rows.notes if self._rows else ()
+        notes = (*(self._rows.notes if self._rows else ()), shape_note(self.height, self.width))
+        return tuple(note for note in notes if note)
 
     @property
     def format(self) -> str | None:
