@@ -127,7 +127,7 @@ def lines(path: Path, analysis: Analysis) -> Iterator[str]:
     percent = ", ".join(f"{100 * share:.3g} %" for share in shares)
     yield _line("brightest", f"{percent} of the light in 1, 10, 100 pixels; {analysis.effective_pixels:.4g} effective")
     count = analysis.samples_for_1_percent_error
-XX for 1 % error; other sequences need fewer")
+    yield _line("samples", f"{float(f'{count:.2g}'):,.0f} independent ones for 1 % error; other sequences need fewer")
 
 
 def _line(label: str, text: str) -> str:
