@@ -476,7 +476,7 @@ def _clipping(light: _Light, tops: _Tops, infinite: int, pixels: int) -> Clippin
     if infinite:
         verdict, reason = "clipped", f"{infinite} pixel{'s are' if infinite > 1 else ' is'} infinite"
     elif 2 * count > pixels > 1:
-        reason = f"most pixels have the largest value, {value:g}"
+        reason = f"most pixels have the largest value of {channels}, {value:g}"
     elif limit and count >= (1 if value > 65000 else 2):
         verdict = "clipped"
         reason = f"{count} pixel{'s are' if count > 1 else ' is'} at {value:g} in {channels}, {limit}"
