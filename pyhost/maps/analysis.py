@@ -3,7 +3,8 @@
 A file is read twice, in bands of rows, so that it may be larger than the memory. All sums are in float64 and take a
 pixel as the direction of its centre, with its exact solid angle. Luminance is I = (R + G + B) / 3, rounded to float32,
 whose order is that of its bits: two counts of 2^16 bins each, the second within a bin of the first, give exact
-percentiles. Bad values count as 0 in all but their own counts.
+percentiles. NaN and negative values are counted, and are 0 in all else. So are infinite ones, but in a file of half
+floats, where they are 65504: there they are most often a sun.
 """
 
 from __future__ import annotations
@@ -19,13 +20,27 @@ from ..disc import disc_mask
 from ..errors import LightdomeError
 from ..float_range import LARGEST, LARGEST_HALF
 from ..progress import Progress
-from .envmap import EnvironmentMap, Inspection
+from .envmap import EnvironmentMap, Inspection, shape_note
 from .geometry import column_angles, directions, row_angles, solid_angles
 from .images import ImageRows
-from .sun import CELL_ROWS, GROUP, MAX_RIVAL, PATCH, Cells, Patch, Region, Sun, azimuth_elevation, distance
-from .sun import find_region, luminance, measure
+from .sun import (
+    CELL_ROWS,
+    GROUP,
+    MAX_RIVAL,
+    PATCH,
+    Cells,
+    Patch,
+    Region,
+    Sun,
+    azimuth_elevation,
+    distance,
+    find_region,
+    luminance,
+    measure,
+)
 
 BLOCK_PIXELS = 2**18
+FINE = 4096  # rows: a sun spans a dozen pixels in finer maps
 SIDES = ("up", "down", "plus_x", "minus_x", "plus_z", "minus_z")
 TOPS = (1, 10, 100)
 PERCENTILES = (0.5, 0.99, 0.999)
@@ -40,7 +55,9 @@ LIMITS = {
     LARGEST_HALF: "the largest half float",
     LARGEST: "the largest float",
 }
-NEARLY = 0.75  # of a channel's largest value: what fades into a flat top lies between
+# A top is flat if so much of the solid angle with NEARLY its value has just its value; of a smooth one, few steps of
+# RGBE's 1/256 do.
+NEARLY, FLAT = 0.75, 0.2
 
 
 @dataclass(frozen=True)
@@ -64,12 +81,13 @@ class Clipping:
 
 @dataclass(frozen=True)
 class Analysis:
-    """What :func:`analyse` found. Radiance and luminance are in the map's own unit, ``_radiance_sr`` is that x steradian.
+    """What :func:`analyse` found. Radiance and luminance are in the map's own unit, ``_sr`` is that x steradian.
 
-    - ``format``: of the file, None for an array; ``projection``: ``"latlong"``; ``notes``: remarks on the file
-    - ``nan_pixels``, ``infinite_pixels``, ``negative_pixels``: with such a value in any channel; minus infinity is negative
-    - ``luminance_...``: of pixels; percentiles and median by solid angle, so that poles do not count too much: half of
-      all directions are darker than the median
+    - ``format``: of the file, None for an array; ``projection``: ``"latlong"``; ``notes``: remarks
+    - ``nan_pixels``, ``infinite_pixels``, ``negative_pixels``: with such a value in any channel; minus infinity counts
+      as negative
+    - ``luminance_...``: of pixels; ``..._by_solid_angle``, so that the poles' many pixels do not count too much: half
+      of all directions are at most as bright as the median
     - ``range_stops``: log2 of the maximum over the luminance that 1 % of all lit solid angle stays below
     - ``mean_radiance_rgb``: over all directions; ``flux_rgb_radiance_sr``: 4 pi of it
     - ``irradiance_..._rgb_radiance_sr``: of a surface that faces up (+y), down (-y), or +x, -x, +z, -z
@@ -90,9 +108,9 @@ class Analysis:
     infinite_pixels: int
     negative_pixels: int
     luminance_minimum: float
-    luminance_median: float
-    luminance_99_percent: float
-    luminance_99_9_percent: float
+    luminance_median_by_solid_angle: float
+    luminance_99_percent_by_solid_angle: float
+    luminance_99_9_percent_by_solid_angle: float
     luminance_maximum: float
     range_stops: float | None
     clipping: Clipping
@@ -134,7 +152,7 @@ def analyse(
 ) -> Analysis:
     """Say what is in a map: a file, which is read in bands, an :class:`EnvironmentMap`, or radiance (H, W, 3).
 
-    ``layer`` and ``flip`` are those of :func:`lightdome.read_image`. Bad values are counted, and are 0 in all else.
+    ``layer`` and ``flip`` are those of :func:`lightdome.read_image`. Bad values are counted: see the module.
 
     The number of samples is for the image of the sphere that :func:`lightdome.shade_samples` makes from ``independent``
     samples: with the one-sample estimate X = max(0, n . w) (L / I) Phi of the irradiance E, the relative RMSE of N
@@ -175,7 +193,7 @@ class _Map:
         self.height, self.width = height, width
         self._rows = rows
         self._radiance = radiance
-        self.inspection = Inspection("black")
+        self.inspection = self._fresh_inspection()
 
     @classmethod
     def of(cls, source: object, layer: str | None, flip: bool) -> _Map:
@@ -189,9 +207,14 @@ class _Map:
             raise LightdomeError(f"the map must have at least one pixel, got shape {radiance.shape}")
         return cls(*radiance.shape[:2], None, radiance)
 
+    def _fresh_inspection(self) -> Inspection:
+        is_half = self._rows is not None and self._rows.largest == LARGEST_HALF
+        return Inspection("clamp" if is_half else "black", LARGEST_HALF)
+
     @property
     def notes(self) -> tuple[str, ...]:
-        return self._rows.notes if self._rows else ()
+        notes = (*(self._rows.notes if self._rows else ()), shape_note(self.height, self.width))
+        return tuple(note for note in notes if note)
 
     @property
     def format(self) -> str | None:
@@ -208,7 +231,7 @@ class _Map:
 
         Each block is small and lies in one row of :class:`Cells`. They come in the order of the file.
         """
-        self.inspection = Inspection("black")
+        self.inspection = self._fresh_inspection()
         everything = np.arange(self.height)
         batches = self._rows.read(everything) if self._rows else [(everything, self._radiance)]
         most, done = max(1, BLOCK_PIXELS // self.width), 0
@@ -294,17 +317,16 @@ class _Light:
         self.irradiance[0] += (solid_angle * np.maximum(cosine, 0)) @ of_sides[:, 0]
         self.irradiance[1] += (solid_angle * np.maximum(-cosine, 0)) @ of_sides[:, 0]
         self.irradiance[2:] += np.tensordot(solid_angle * np.sin(theta), of_sides[:, 1:], 1)
-        direction = directions(theta[:, None], self.phi)
-        self.cells.add(int(rows[0]) * CELL_ROWS // len(self.theta), solid_angle, direction, exact)
-
         intensity = luminance(exact)
+        self.cells.add(int(rows[0]) * CELL_ROWS // len(self.theta), solid_angle, theta, self.phi, exact, intensity)
+
         light = (intensity * solid_angle[:, None]).ravel()
         self.square += float(light @ light)
         most = np.partition(light, -len(self.top))[-len(self.top) :] if light.size > len(self.top) else light
         self.top = np.sort(np.concatenate([self.top, most]))[-len(self.top) :]
         if intensity.max() > self.maximum:
             y, x = np.unravel_index(np.argmax(intensity), intensity.shape)
-            self.brightest = direction[y, x]
+            self.brightest = directions(theta[y], self.phi[x])
         self.minimum = min(self.minimum, float(intensity.min()))
         self.maximum = max(self.maximum, float(intensity.max()))
         self.quantiles.count(intensity.astype(np.float32), np.broadcast_to(solid_angle[:, None], intensity.shape))
@@ -323,38 +345,50 @@ class _Tops:
 
     def __init__(self, peaks: np.ndarray) -> None:
         self.peaks = peaks
-        self.count, self.pairs, self.near = (np.zeros(3, np.int64) for _ in range(3))
-        self._edges: dict[int, np.ndarray] = {}  # rows at the ends of blocks whose neighbours are still to come
+        self.count, self.pairs = (np.zeros(3, np.int64) for _ in range(2))
+        self.area, self.near = np.zeros(3), np.zeros(3)  # solid angle that has it, and that comes near
+        self._edges: dict[tuple[str, int], np.ndarray] = {}  # ends of blocks whose neighbours, above or below, may come
 
-    def add(self, rows: np.ndarray, radiance: np.ndarray) -> None:
+    def add(self, rows: np.ndarray, solid_angle: np.ndarray, radiance: np.ndarray) -> None:
         at = (radiance == self.peaks) & (self.peaks > 0)
-        self.count += at.sum(axis=(0, 1))
-        self.near += ((radiance >= NEARLY * self.peaks) & ~at).sum(axis=(0, 1))
+        of_rows = at.sum(axis=1)
+        self.count += of_rows.sum(axis=0)
+        self.area += solid_angle @ of_rows
+        self.near += solid_angle @ (radiance >= np.float32(NEARLY) * self.peaks).sum(axis=1)
         if at.shape[1] > 1:
             self.pairs += (at & np.roll(at, 1, axis=1)).sum(axis=(0, 1))
         self.pairs += (at[1:] & at[:-1]).sum(axis=(0, 1))
         first, last = int(rows[0]), int(rows[-1])
-        for edge, neighbour in ((at[0], first - 1), (at[-1], last + 1)):
-            other = self._edges.pop(neighbour, None)
-            if other is not None:
-                self.pairs += (edge & other).sum(axis=0)
-        self._edges.update({first: at[0], last: at[-1]})
+        for edge, own, neighbour in (
+            (at[0], ("above", first), ("below", first - 1)),
+            (at[-1], ("below", last), ("above", last + 1)),
+        ):
+            if neighbour in self._edges:
+                self.pairs += (edge & self._edges.pop(neighbour)).sum(axis=0)
+            else:
+                self._edges[own] = edge.copy()
 
 
 class _Patches:
     """The second pass round candidates for the sun."""
 
-    def __init__(self, centres: list[np.ndarray]) -> None:
+    def __init__(self, centres: list[np.ndarray], is_fine: bool) -> None:
         self.centres = centres
+        self._is_fine = is_fine
         self._parts: list[list[tuple[np.ndarray, ...]]] = [[] for _ in centres]
 
     def add(self, theta: np.ndarray, phi: np.ndarray, solid_angle: np.ndarray, radiance: np.ndarray) -> None:
         for centre, parts in zip(self.centres, self._parts, strict=True):
             if np.abs(theta - np.arccos(np.clip(centre[1], -1, 1))).min() > PATCH:
                 continue
-            direction = directions(theta[:, None], phi)
+            # The pixels of a fine map that are narrow, near a pole, are taken together.
+            thin, width = 1, len(phi)
+            while self._is_fine and 2 * thin * np.sin(theta).max() <= 1 and width % (2 * thin) == 0:
+                thin *= 2
+            direction = directions(theta[:, None], phi.reshape(-1, thin).mean(axis=1))
             y, x = np.nonzero(distance(direction, centre) <= PATCH)
-            parts.append((direction[y, x], radiance[y, x].astype(np.float64), solid_angle[y]))
+            pixels = radiance.reshape(len(theta), -1, thin, 3)[y, x].astype(np.float64).mean(axis=1)
+            parts.append((direction[y, x], pixels, thin * solid_angle[y]))
 
     def patches(self) -> Iterator[tuple[np.ndarray, Patch]]:
         for centre, parts in zip(self.centres, self._parts, strict=True):
@@ -368,12 +402,12 @@ def _examined(of: _Map) -> tuple[Analysis, Region | None]:
     bad = of.inspection.replaced(of.height, 0)
     light.quantiles.aim(PERCENTILES, DARKEST)
     tops = _Tops(light.peaks)
-    patches = _Patches(_candidates(light))
+    patches = _Patches(_candidates(light), of.height > FINE)
     for rows, radiance in of.blocks("reading the map again"):
         solid_angle = light.solid_angles[rows]
         intensity = luminance(radiance.astype(np.float64)).astype(np.float32)
         light.quantiles.refine(intensity, np.broadcast_to(solid_angle[:, None], intensity.shape))
-        tops.add(rows, radiance)
+        tops.add(rows, solid_angle, radiance)
         patches.add(light.theta[rows], light.phi, solid_angle, radiance)
 
     infinite = bad.infinite if bad else 0
@@ -395,9 +429,9 @@ def _examined(of: _Map) -> tuple[Analysis, Region | None]:
         infinite_pixels=infinite,
         negative_pixels=bad.negative if bad else 0,
         luminance_minimum=float(np.float32(light.minimum)),
-        luminance_median=percentiles[0],
-        luminance_99_percent=percentiles[1],
-        luminance_99_9_percent=percentiles[2],
+        luminance_median_by_solid_angle=percentiles[0],
+        luminance_99_percent_by_solid_angle=percentiles[1],
+        luminance_99_9_percent_by_solid_angle=percentiles[2],
         luminance_maximum=float(np.float32(light.maximum)),
         range_stops=float(np.log2(light.maximum / darkest)) if is_lit else None,
         clipping=clipping,
@@ -426,7 +460,7 @@ def _triple(values: np.ndarray) -> tuple[float, float, float]:
 
 
 def _candidates(light: _Light) -> list[np.ndarray]:
-    """Where the sun may be: towards most light, and towards the brightest pixel, as a sun that is cut off may have little."""
+    """Where the sun may be: towards most light, and towards the brightest pixel, for one that is cut off."""
     if not light.total > 0:
         return []
     most = light.cells.brightest()
@@ -442,11 +476,11 @@ def _clipping(light: _Light, tops: _Tops, infinite: int, pixels: int) -> Clippin
     if infinite:
         verdict, reason = "clipped", f"{infinite} pixel{'s are' if infinite > 1 else ' is'} infinite"
     elif 2 * count > pixels > 1:
-        reason = f"most pixels have the largest value, {value:g}"
+        reason = f"most pixels have the largest value of {channels}, {value:g}"
     elif limit and count >= (1 if value > 65000 else 2):
         verdict = "clipped"
         reason = f"{count} pixel{'s are' if count > 1 else ' is'} at {value:g} in {channels}, {limit}"
-    elif count >= 4 and 2 * tops.pairs[c] >= count and 2 * count >= tops.near[c]:
+    elif count >= 4 and 2 * tops.pairs[c] >= count and tops.area[c] >= FLAT * tops.near[c]:
         verdict = "clipped"
         reason = f"{count} touching pixels share the largest value of {channels}, {value:g}; or a lamp is evenly bright"
     return Clipping(
@@ -479,8 +513,8 @@ def _sun(
             reasons.append(region)
             continue
         held = region.holds(patch.direction, patch.luminance)
-        at_top = (patch.radiance[held] == tops.peaks).sum(axis=0)
-        is_clipped = clipping.verdict == "clipped" and bool((at_top > tops.count / 2).any())
+        at_top = patch.solid_angle[held] @ (patch.radiance[held] == tops.peaks)
+        is_clipped = clipping.verdict == "clipped" and bool((at_top > tops.area / 2).any())
         sun = measure(patch, region, light.total, is_clipped)
         if isinstance(sun, str):
             reasons.append(sun)
@@ -498,9 +532,10 @@ def _samples(cells: Cells, total: float, error: float) -> int | None:
     inside = np.argwhere(disc_mask(DISC)[::-1])
     across = (2 * inside[:, ::-1] + 1 - DISC) / DISC
     normal = np.concatenate([across, np.sqrt(1 - (across**2).sum(axis=1, keepdims=True))], axis=1)
-    cosine = np.maximum(normal @ cells.direction.T, 0)
-    mean = cosine @ cells.flux
-    if not mean.any():
-        return None
-    variance = total * (cosine**2 @ cells.second) - mean**2
-    return max(1, int(np.ceil(variance.sum() / (mean**2).sum() / error**2)))
+    direction, variance, square = cells.direction, 0.0, 0.0
+    for some in np.array_split(normal, DISC):
+        cosine = np.maximum(some @ direction.T, 0)
+        mean_squared = (cosine @ cells.flux) ** 2
+        variance += float((total * (cosine**2 @ cells.second) - mean_squared).sum())
+        square += float(mean_squared.sum())
+    return max(1, int(np.ceil(variance / square / error**2))) if square > 0 else None

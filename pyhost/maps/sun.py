@@ -6,6 +6,7 @@ centre alone, so that the map's seam and its poles are places like any other.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,7 @@ MIN_DEPTH = 0.02  # of the peak above the background: less is no part of the sou
 MIN_COMPACTNESS = 0.8  # of the bright light in the patch
 MIN_SHARE = 0.05  # of the map's flux
 MAX_RIVAL = 0.5  # light of the next source to that of the sun
+NOTHING = "nothing small stands out from its surroundings"
 CELL_ROWS = 64
 GROUP = np.radians(4.0)  # cells that are taken together
 BRIGHTEST = 64  # cells that are looked at
@@ -30,7 +32,8 @@ class Sun:
     """A small source, above what surrounds it.
 
     - ``direction_xyz``: unit vector towards its centre of light; +y is up
-    - ``azimuth_degrees``: from +x towards +z, 0 to 360, as columns of the map run; ``elevation_degrees``: from the horizon
+    - ``azimuth_degrees``: from +x towards +z, 0 to 360, as columns of the map run
+    - ``elevation_degrees``: from the horizon, 90 is straight up
     - ``angular_radius_degrees``: of the even disc with the same sum of L and the same sum of L^2
     - ``flux_rgb_radiance_sr``: the sum of L x solid angle: what a directional light in its place has
     - ``irradiance_rgb_radiance_sr``: of a surface that faces it; less than the flux by the cosines over its disc
@@ -113,22 +116,32 @@ class Cells:
         self.flux, self.second, self.vector = (np.zeros((len(phi), 3)) for _ in range(3))
         self.solid_angle = np.zeros(len(phi))
 
-    def add(self, row: int, solid_angle: np.ndarray, direction: np.ndarray, radiance: np.ndarray) -> None:
-        """Add pixels (n, W, 3) that lie in one row of cells, with the solid angles (n,) of their rows."""
-        width = radiance.shape[1]
-        column = np.arange(width) * self._columns[row] // width
-        intensity = luminance(radiance)
-        scale = solid_angle[:, None] / np.where(intensity > 0, intensity, 1)
-        of_columns = {
-            "flux": np.einsum("n,nwc->wc", solid_angle, radiance),
-            "second": np.einsum("nw,nwc->wc", scale, radiance**2),
-            "vector": np.einsum("nw,nwc->wc", solid_angle[:, None] * intensity, direction),
-        }
+    def add(
+        self,
+        row: int,
+        solid_angle: np.ndarray,
+        theta: np.ndarray,
+        phi: np.ndarray,
+        radiance: np.ndarray,
+        intensity: np.ndarray,
+    ) -> None:
+        """Add pixels that lie in one row of cells: radiance (n, W, 3), luminance (n, W), both float64."""
+        column = np.arange(len(phi)) * self._columns[row] // len(phi)
         cells = slice(self._first[row], self._first[row + 1])
-        for name, values in of_columns.items():
-            for c in range(3):
-                getattr(self, name)[cells, c] += np.bincount(column, values[:, c], self._columns[row])
-        self.solid_angle[cells] += np.bincount(column, minlength=self._columns[row]) * solid_angle.sum()
+
+        def add(sums: np.ndarray, of_columns: np.ndarray) -> None:
+            sums[cells] += np.bincount(column, of_columns, self._columns[row])
+
+        per_intensity = solid_angle[:, None] / np.where(intensity > 0, intensity, 1)
+        for c in range(3):
+            channel = radiance[..., c]
+            add(self.flux[:, c], solid_angle @ channel)
+            add(self.second[:, c], np.einsum("nw,nw,nw->w", per_intensity, channel, channel))
+        across = (solid_angle * np.sin(theta)) @ intensity
+        add(self.vector[:, 0], across * np.cos(phi))
+        add(self.vector[:, 1], (solid_angle * np.cos(theta)) @ intensity)
+        add(self.vector[:, 2], across * np.sin(phi))
+        add(self.solid_angle, np.full(len(phi), solid_angle.sum()))
 
     @property
     def direction(self) -> np.ndarray:
@@ -140,7 +153,7 @@ class Cells:
         """A unit vector towards the 8 degrees with the most light."""
         direction, light = self.direction, luminance(self.flux)
         top = np.argsort(light)[-BRIGHTEST:]
-        near = distance(direction[top, None], direction) <= GROUP
+        near = direction[top] @ direction.T >= np.cos(GROUP)
         vector = self.vector[near[np.argmax(near @ light)]].sum(axis=0)
         return vector / np.linalg.norm(vector)
 
@@ -149,8 +162,9 @@ class Cells:
         direction, light = self.direction, luminance(self.flux)
         away = distance(direction, sun) > PATCH + GROUP
         top = np.argsort(np.where(away, light, 0))[-BRIGHTEST:]
-        apart = distance(direction[top, None], direction)
-        near, around = apart <= GROUP, (apart > GROUP) & (apart <= 3 * GROUP) & away
+        cosine = direction[top] @ direction.T
+        near = cosine >= np.cos(GROUP)
+        around = (cosine >= np.cos(3 * GROUP)) & ~near & away
         around_solid_angle = around @ self.solid_angle
         surroundings = (around @ light) / np.where(around_solid_angle > 0, around_solid_angle, 1)
         return float((near @ light - surroundings * (near @ self.solid_angle)).max())
@@ -167,7 +181,7 @@ def find_region(patch: Patch, start: np.ndarray, pixel: float) -> Region | str:
     peak = inside[np.argmax(intensity[inside])] if inside.size else int(np.argmax(intensity))
     height = intensity[peak] - background
     if intensity[peak] < MIN_CONTRAST * background or height <= 0:
-        return "nothing small stands out from its surroundings"
+        return NOTHING
     threshold = background + max(MIN_DEPTH * height, background)
     bright = intensity >= threshold
     light = np.where(bright, (intensity - background) * solid_angle, 0)
@@ -187,16 +201,18 @@ def find_region(patch: Patch, start: np.ndarray, pixel: float) -> Region | str:
     ring = (apart > reach) & (apart <= 1.5 * reach + 2 * pixel) & ~bright
     if not ring.any():
         ring = outside
-    surroundings = solid_angle[ring] @ patch.radiance[ring] / solid_angle[ring].sum()
-    return Region(centre, reach, threshold, surroundings.astype(np.float32).astype(np.float64))
+    surroundings = (solid_angle[ring] @ patch.radiance[ring] / solid_angle[ring].sum()).astype(np.float32)
+    surroundings = surroundings.astype(np.float64)
+    # Pixels that it covers in part belong to it too.
+    return Region(centre, reach, max(2 * float(luminance(surroundings)), math.ulp(0.0)), surroundings)
 
 
 def _reach(apart: np.ndarray, bright: np.ndarray, solid_angle: np.ndarray, pixel: float) -> float:
-    """How far the source goes: to the end of the first ring of a pixel's width that is less than a quarter bright."""
-    ring = (apart / pixel).astype(int)
+    """How far the source goes: a pixel beyond the first ring of a pixel's width that is less than a quarter bright."""
+    ring = np.rint(apart / pixel).astype(int)
     lit, whole = np.bincount(ring, solid_angle * bright), np.bincount(ring, solid_angle)
     dark = (whole > 0) & (lit < 0.25 * whole)
-    return (int(np.argmax(dark)) + 1 if dark.any() else len(dark)) * pixel
+    return ((int(np.argmax(dark)) if dark.any() else len(dark)) + 1.5) * pixel
 
 
 def _median(values: np.ndarray, weights: np.ndarray) -> float:
@@ -212,6 +228,8 @@ def measure(patch: Patch, region: Region, total: float, is_clipped: bool) -> Sun
     solid_angle, direction = patch.solid_angle[held], patch.direction[held]
     intensity = luminance(radiance)
     light = intensity * solid_angle
+    if not light.any():
+        return NOTHING
     flux = solid_angle @ radiance
     vector = light @ direction
     vector /= np.linalg.norm(vector)
