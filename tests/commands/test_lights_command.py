@@ -108,6 +108,9 @@ def test_options_of_the_map_and_the_device_count(run: Callable[..., Path], devic
     radiance = stiff_radiance(8, 16)
     flipped = EnvironmentMap(np.ascontiguousarray(radiance[::-1]))
     assert_lights(run(radiance, "--flip", "--count", 3), median_cut(build_distribution(device, flipped), 3))
+    moved = EnvironmentMap(radiance).to_convention("cycles").radiance
+    expected = median_cut(build_distribution(device, EnvironmentMap(radiance)), 3)
+    assert_lights(run(moved, "--convention", "cycles", "--count", 3), expected)
     with pytest.raises(LightdomeError, match="no OpenCL device matches 'Voodoo 2'"):
         run(radiance, "--device", "Voodoo 2")
 
