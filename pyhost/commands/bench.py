@@ -44,7 +44,8 @@ def main() -> None:
         nargs="+",
         default=[],
         metavar="PATH",
-        help="PBRT programs, or their folders, to measure too (default: none; --peers pbrt takes the one of part 4)",
+        help="PBRT programs, or their folders, to measure too (default: none; --peers pbrt takes that of lightdome"
+        " render)",
     )
     parser.add_argument(
         "--spp", type=cli.positive_int, nargs="+", default=[8, 16, 32, 64], metavar="N", help="samples per pixel"

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import LightdomeError, exactly
 from ..files import utf8_name
+from ..maps.default_map import default_map
 from ..names import COMMANDS, CONVENTIONS
 
 if TYPE_CHECKING:
@@ -70,9 +71,9 @@ def _is_script() -> bool:
 
 
 def _data_folder() -> Path:
-    """``data/`` beside the folder of the script that runs, else beside the package, where a clone has it."""
+    """``data/`` beside the folder of the script that runs, else that of the map that ships."""
     of_script = Path(sys.argv[0]).resolve().parent.parent / "data"
-    return of_script if _is_script() and of_script.is_dir() else Path(__file__).resolve().parents[2] / "data"
+    return of_script if _is_script() and of_script.is_dir() else default_map().parent
 
 
 def map_options(parser: argparse.ArgumentParser, positional: bool = False) -> None:

@@ -16,7 +16,9 @@ def main() -> None:
         "out/part2/samples_*.npz",
         "out/part3",
     )
-    parser.add_argument("samples", type=Path, nargs="+", metavar="SAMPLES.npz", help="files that part 2 wrote")
+    parser.add_argument(
+        "samples", type=Path, nargs="+", metavar="SAMPLES.npz", help="files that lightdome sample wrote"
+    )
     cli.sphere_options(parser)
     cli.tone_options(parser)
     cli.device_option(parser)

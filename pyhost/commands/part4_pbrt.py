@@ -43,8 +43,8 @@ def parse_arguments() -> argparse.Namespace:
         "--pbrt",
         type=Path,
         metavar="PATH",
-        help="the program pbrt, pbrt-r4 or pbrt-r3, or its folder (default: from PATH, else what scripts/get_pbrt.py"
-        " installed)",
+        help="the program pbrt, pbrt-r4 or pbrt-r3, or its folder (default: from PATH, else a pbrt-r4 in"
+        " lightdome's cache)",
     )
     parser.add_argument(
         "--seed", type=cli.seed, default=0, help="seed of the samples, a whole number; PBRT-v3 and pbrt-r3 have none"

@@ -68,16 +68,16 @@ def run_command(command: str, *options: object) -> int:
 def main() -> None:
     parser = cli.parser(
         "Write report.pdf, typeset, and lightdome-report.zip with it and every .pfm and .ppm.\n\n"
-        "Results of parts 1 to 4, bench.py and stability.py are taken from the folders part1 to part4, bench and"
-        " stability beside DIR if they are of this map and version; the others are run, into DIR, and measure numpy,"
-        " Mitsuba and PBRT too where they are there. All of it afresh takes about half an hour on two cores with"
+        "Results of fresnel, sample, shade, render, bench and stability are taken from the folders part1 to part4,"
+        " bench and stability beside DIR if they are of this map and version; the others are run, into DIR, and measure"
+        " numpy, Mitsuba and PBRT too where they are there. All of it afresh takes about half an hour on two cores with"
         " Mitsuba and PBRT, and less without.",
         "--quick",
         "out/report",
     )
     cli.map_options(parser)
     parser.add_argument(
-        "--pbrt", type=Path, metavar="PATH", help="the program pbrt or its folder (default: as in part 4)"
+        "--pbrt", type=Path, metavar="PATH", help="the program pbrt or its folder (default: as lightdome render)"
     )
     parser.add_argument("--quick", action="store_true", help="smaller images, fewer counts and cases: some minutes")
     cli.device_option(parser)

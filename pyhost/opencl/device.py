@@ -37,7 +37,7 @@ from .rates import Rates
 
 PROBE_SECONDS = 60.0
 FAILURE_SECONDS = 86400.0  # for which a failure is remembered where another device works
-FASTER = "apt-get install pocl-opencl-icd, or see Devices in the README"
+INSTALL = "pip install 'lightdome[pocl]', apt-get install pocl-opencl-icd, or your GPU's driver"
 
 
 @dataclass(frozen=True)
@@ -129,8 +129,7 @@ def open_device(choice: str | None = None) -> Device:
             f"the OpenCL device {asked!r} does not compile and run kernels ({failures}); choose another with --device"
         )
     raise LightdomeError(
-        f"no OpenCL device works here{f' ({failures})' if failures else ''}; run scripts/demo, which sets one up, or:"
-        " apt-get install pocl-opencl-icd"
+        f"no OpenCL device works here{f' ({failures})' if failures else ''}; for one that does: {INSTALL}"
     )
 
 
@@ -306,7 +305,7 @@ def _slow(rates: Rates) -> str | None:
         return None
     return (
         f"note: this OpenCL device does {1e-9 * rates.multiply_adds:.0f} G multiply-adds a second, less than a third of"
-        f" numpy's {1e-9 * rates.numpy:.0f} G; for a faster one: {FASTER}"
+        f" numpy's {1e-9 * rates.numpy:.0f} G; for a faster one: {INSTALL}"
     )
 
 

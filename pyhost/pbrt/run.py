@@ -40,7 +40,7 @@ from .scenes import IMAGE_SUFFIX, VERSIONS, Scene, sampler_name
 PORTS = {"pbrt-r4": 4, "pbrt-r3": 3}
 NAMES = ("pbrt", *PORTS)  # in the order in which they are looked for
 ELSE = "or render with --renderer opencl"
-GET = "scripts/get_pbrt.py"
+GET = "cargo install pbrt-r4 --locked --no-default-features"
 # When a render is given up: when its progress bar has not moved for STILL seconds plus ten times its longest step so
 # far. Until there is a bar: after STILL seconds plus about ten times the expected time.
 STILL = 60.0
@@ -106,7 +106,7 @@ def find_pbrt(path: str | Path | None = None, timeout: float = 20.0) -> Pbrt:
         said.append((code, text))
         if re.search(r"\brs_pbrt\b", text):
             raise LightdomeError(
-                f"{program} is rs_pbrt, which writes 8-bit pictures only; {GET} installs a port that writes radiance"
+                f"{program} is rs_pbrt, which writes 8-bit pictures only; a port that writes radiance: {GET}"
             )
         if port := re.search(r"^(pbrt-r[34]) (?:version )?(\d[\w.]*)", text, re.MULTILINE):
             return Pbrt(program, PORTS[port[1]], f"{port[1]} {port[2]}")
@@ -135,7 +135,7 @@ def _locate(path: Path | None) -> Path:
             return port
         if found := _unusable(folders):
             return found
-        raise LightdomeError(f"no PBRT on PATH; install one with {GET}, name one with --pbrt, {ELSE}")
+        raise LightdomeError(f"no PBRT on PATH; install one ({GET}), name one with --pbrt, {ELSE}")
     path = path.expanduser()
     if path.is_dir():
         folders = str(path.absolute())
