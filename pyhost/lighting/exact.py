@@ -125,7 +125,7 @@ def exact(
                 KERNELS[pixels],
                 (len(tiles),),
                 stage="exact",
-                defines={"PIXELS": lanes, **defines},
+                defines={"WIDTH": lanes, **defines},
                 arcs=arcs,
                 width=width,
                 first=first,

@@ -389,7 +389,7 @@ FAULTS: list[Fault] = [
     kernel(
         "shade: sums without compensation",
         "shade.cl",
-        "DOUBLE_WORD_ADD(pixels, sum[j][c], sum_lo[j][c], chunk[j][c]);",
+        "DOUBLE_WORD_ADD(wide, sum[j][c], sum_lo[j][c], chunk[j][c]);",
         "sum[j][c] += chunk[j][c];",
         "compensation dropped",
     ),
@@ -403,8 +403,8 @@ FAULTS: list[Fault] = [
     kernel(
         "shade: cosine not clamped",
         "shade.cl",
-        "x + ny[j] * light[1]), (pixels)(0.0f));",
-        "x + ny[j] * light[1]), (pixels)(-1.0f));",
+        "x + ny[j] * light[1]), (wide)(0.0f));",
+        "x + ny[j] * light[1]), (wide)(-1.0f));",
         "light from below the horizon counts",
     ),
     kernel(
@@ -445,15 +445,15 @@ FAULTS: list[Fault] = [
     kernel(
         "exact: an arc ends a column early",
         "exact.cl",
-        "(int)floor(centre[k] + h) + 2;",
-        "(int)floor(centre[k] + h);",
+        "to_wide_int(floor(centre + h)) + 1, end",
+        "to_wide_int(floor(centre + h)), end",
         "an end that is not beyond the last",
     ),
     kernel(
         "exact: a row that is lit whole lacks its last column",
         "exact.cl",
-        "whole += row[2 * width] - row[0]",
-        "whole += row[2 * width - 2] - row[0]",
+        "whole += arc_between(row, 0, width);",
+        "whole += arc_between(row, 0, width - 1);",
         "off by one",
     ),
     kernel(
@@ -480,15 +480,15 @@ FAULTS: list[Fault] = [
     kernel(
         "exact_areas: a power is left out",
         "exact_areas.cl",
-        "    sum = FMA(t, sum, (pixels)(c.s2));\n",
+        "    sum = FMA(t, sum, (wide)(c.s2));\n",
         "",
         "a coefficient forgotten",
     ),
     kernel(
         "sphere: a tile's rows one apart",
         "sphere.clh",
-        "return resolution - 2 * ((int)tile.y + row) - 1;",
-        "return resolution - 2 * ((int)tile.y + row);",
+        "b = resolution - 2 * ((int)tile.y + row) - 1;",
+        "b = resolution - 2 * ((int)tile.y + row);",
         "half a pixel",
     ),
     kernel(
