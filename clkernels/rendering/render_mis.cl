@@ -1,9 +1,6 @@
 // Per-pixel Monte Carlo of the diffuse sphere: a direction drawn as the light is and one drawn as the cosine, weighted.
 //
-//     image(n) = integral of (albedo / pi) L(w) max(0, n . w) dw
-//
-// Let c = max(0, n . w), S = R + G + B, F the integral of S over the sphere of directions, and k = pi / F. The
-// densities are p_light = S / F and p_bsdf = c / pi; with q = S k, pi p_light = q and pi p_bsdf = c. By the power
+// The densities are p_light = S / F and p_bsdf = c / pi; with q = S k, pi p_light = q and pi p_bsdf = c. By the power
 // heuristic (Veach 1997, 9.2.4; Pharr et al., 4th ed., 2.2.3) the image is albedo F / pi times the mean over samples of
 //
 //     c L / S x q^2 / (q^2 + c^2)        of the direction drawn as the light
@@ -15,16 +12,12 @@
 // The cosine's directions fall anywhere in a pixel, so the radiance is constant over a pixel, and the light's directions
 // are placed evenly over its solid angle: this converges to the integral over areas (exact_areas.cl).
 //
-// radiance               height x width x 3 floats
-// row_cdf, marginal_cdf  height x width and height integers, from row_cdf.cl and marginal_cdf.cl, of S - offset
-// marginal_guide, row_guide, row_total, marginal_shift, row_shift
-//                        their guide tables, from guide.cl
+// Arguments are those of pixel_block.clh, k, and
+//
+// row_cdf, marginal_cdf  of S - offset
 // edge                   cos(theta) at the height + 1 borders of rows
-// scale, offset, k       a power of two that keeps S in float's range; offset and pi / F of the scaled map
-// disc                   (x, y) of the pixels inside the disc, pixel_count of them
-// seed                   of the sequence (sequence.clh); sample s of pixel i is point s of stream i, whatever ran before
-//                        for the light, and of stream 2^31 + i for the cosine
-// sum                    the image so far (image_sum.clh); this adds samples begin .. end - 1 of each pixel
+// offset                 of the scaled map
+// seed                   the cosine takes points of stream 2^31 + i, where the light takes them of stream i
 //
 // One work-item BLOCK pixels.
 
@@ -159,23 +152,20 @@ kernel void render_mis(global const float *restrict radiance,
         .offset = offset,
         .k = k,
     };
-    const uint first = get_global_id(0) * BLOCK;
-    uint index[BLOCK], second[BLOCK];
-    block3 normal;
-    block_pixels(disc, first, pixel_count, resolution, index, &normal);
+    pixel_block block;
+    begin_block(&block, disc, pixel_count, begin, seed, resolution);
+    uint second[BLOCK];
     for (uint i = 0; i < BLOCK; ++i)
-        second[i] = index[i] | 0x80000000u;
-    block_streams light_streams, cosine_streams;
-    begin_streams(&light_streams, index, begin, seed);
+        second[i] = block.index[i] | 0x80000000u;
+    block_streams cosine_streams;
     begin_streams(&cosine_streams, second, begin, seed);
 
-    block_rgb samples = {{{0.0f}}};
     for (uint s = begin; s < end; ++s) {
         uint across[BLOCK], down[BLOCK];
-        next_points(&light_streams, s, seed, across, down);
-        add_light_samples(&light, &normal, across, down, &samples);
-        next_points(&cosine_streams, s, seed, across, down);
-        add_cosine_samples(&light, &normal, across, down, &samples);
+        next_points(&block.streams, s, across, down);
+        add_light_samples(&light, &block.normal, across, down, &block.samples);
+        next_points(&cosine_streams, s, across, down);
+        add_cosine_samples(&light, &block.normal, across, down, &block.samples);
     }
-    block_store(&samples, index, min((uint)BLOCK, pixel_count - first), resolution, sum);
+    end_block(&block, pixel_count, resolution, sum);
 }

@@ -1,23 +1,21 @@
 // Per-pixel Monte Carlo of the diffuse sphere, with light samples that know about the cosine.
 //
-//     image(n) = mean over samples of (albedo / pi) L(w) max(0, n . w) / pdf(w)
-//              = mean of (L / S) (max(0, n . w) / C) x total x albedo / pi x solid angle / sin(theta)
+// A tile of normals picks a cell of the map with probability proportional to flux(cell) C(tile, cell), and the cell picks
+// a pixel by S sin(theta) (product_cdf.cl, cells.cl). So the density is proportional to S C, and the image is
+// albedo / pi times the tile's total times solid angle / sin(theta), times the mean over samples of
 //
-// A tile of normals picks a cell of the map with probability proportional to flux(cell) C(tile, cell),
-// and the cell picks a pixel by S sin(theta), S = R + G + B (product_cdf.cl, cells.cl); so the density is
-// proportional to S C. L / S is at most 1 and the cosine at most 4 C: nothing overflows. Few directions
-// below the horizon are drawn, and the noise of the cosine is gone but for the size of cells and tiles.
+//     (L / S) (c / C)
+//
+// L / S is at most 1 and the cosine at most 4 C: nothing overflows. Few directions below the horizon are drawn, and the
+// noise of the cosine is gone but for the size of cells and tiles.
 // (Two-stage importance sampling: Cline et al. 2006; product sampling: Clarberg et al. 2005.)
 //
-// tile_row_cdf, tile_marginal_cdf, tile_cones, tile_total
-//                from product_cdf.cl
-// cell_row_cdf, cell_marginal_cdf, cell_cones
-//                from cells.cl
-// sum            high words of resolution x resolution x 3, then low words; this adds samples begin .. end - 1
-// inverse_total  of S sin(theta) over the map, so that a tile's total leaves `sum` without the map's scale
+// Arguments are those of pixel_block.clh, those from product_cdf.cl (tile_*) and cells.cl (cell_*), and
 //
-// One work-item BLOCK pixels, in short loops; pixels of a tile lie next to each other in `disc` and share its CDFs.
-// Sample s of pixel i is point s of stream i, whatever ran before.
+// disc           in which pixels of a tile, which share its CDFs, lie next to each other
+// inverse_total  1 / the sum of S sin(theta) over the map, so that a tile's total leaves `sum` without the map's scale
+//
+// One work-item BLOCK pixels, in short loops.
 
 #include "rendering/pixel_block.clh"
 #include "common/block_search.clh"
@@ -63,18 +61,14 @@ kernel void render_product(global const uint *restrict tile_row_cdf,
                            const int resolution,
                            global float *restrict sum)
 {
-    const uint first = get_global_id(0) * BLOCK;
-    uint index[BLOCK];
-    block3 normal;
-    block_pixels(disc, first, pixel_count, resolution, index, &normal);
-    block_streams streams;
-    begin_streams(&streams, index, begin, seed);
+    pixel_block block;
+    begin_block(&block, disc, pixel_count, begin, seed, resolution);
 
     uint tile_marginal[BLOCK], marginal_total[BLOCK], last_row[BLOCK], last_column[BLOCK];
     block3 tile_axis;
     float tile_reach[BLOCK], factor[BLOCK];
     for (uint k = 0; k < BLOCK; ++k) {
-        const uint2 at = (uint2)(index[k] % resolution, index[k] / resolution) / tile_size;
+        const uint2 at = (uint2)(block.index[k] % resolution, block.index[k] / resolution) / tile_size;
         const uint t = at.y * tiles_across + at.x;
         tile_axis.x[k] = tile_cones[t].x;
         tile_axis.y[k] = tile_cones[t].y;
@@ -87,11 +81,10 @@ kernel void render_product(global const uint *restrict tile_row_cdf,
         last_column[k] = cells.x - 1;
     }
 
-    block_rgb samples = {{{0.0f}}};
     for (uint s = begin; s < end; ++s) {
         uint across[BLOCK], down[BLOCK], i[BLOCK], j[BLOCK], x[BLOCK], y[BLOCK];
         uint base[BLOCK], last[BLOCK], total[BLOCK];
-        next_points(&streams, s, seed, across, down);
+        next_points(&block.streams, s, across, down);
 
         // A cell (i, j), by the CDFs of the pixel's tile
         search_rest(tile_marginal_cdf, cells.y, tile_marginal, last_row, marginal_total, down, j);
@@ -132,13 +125,13 @@ kernel void render_product(global const uint *restrict tile_row_cdf,
             cell_axis.z[k] = cone.z;
             cell_reach[k] = cone.w;
         }
-        float sin_theta[BLOCK], cos_theta[BLOCK], sin_phi[BLOCK], cos_phi[BLOCK];
-        block_directions(theta, phi, x, y, sin_theta, cos_theta, sin_phi, cos_phi);
+        block_directions w;
+        block_centres(theta, phi, x, y, &w);
         for (uint k = 0; k < BLOCK; k += WIDTH) {
-            const wide sine = LOAD_WIDE(sin_theta + k);
-            const wide cosine = LOAD_WIDE(normal.x + k) * (sine * LOAD_WIDE(cos_phi + k))
-                              + LOAD_WIDE(normal.y + k) * LOAD_WIDE(cos_theta + k)
-                              + LOAD_WIDE(normal.z + k) * (sine * LOAD_WIDE(sin_phi + k));
+            const wide sine = LOAD_WIDE(w.sin_theta + k);
+            const wide cosine = LOAD_WIDE(block.normal.x + k) * (sine * LOAD_WIDE(w.cos_phi + k))
+                              + LOAD_WIDE(block.normal.y + k) * LOAD_WIDE(w.cos_theta + k)
+                              + LOAD_WIDE(block.normal.z + k) * (sine * LOAD_WIDE(w.sin_phi + k));
             const wide c = LOAD_WIDE(tile_axis.x + k) * LOAD_WIDE(cell_axis.x + k)
                          + LOAD_WIDE(tile_axis.y + k) * LOAD_WIDE(cell_axis.y + k)
                          + LOAD_WIDE(tile_axis.z + k) * LOAD_WIDE(cell_axis.z + k);
@@ -147,10 +140,12 @@ kernel void render_product(global const uint *restrict tile_row_cdf,
         }
 
         // L / S x max(0, n . w) / C
-        block_add_colours(&samples, radiance, width, scale, x, y, weight);
+        block_add_colours(&block.samples, radiance, width, scale, x, y, weight);
     }
 
     // What all samples of a pixel have in common
-    block_multiply(&samples, factor);
-    block_store(&samples, index, min((uint)BLOCK, pixel_count - first), resolution, sum);
+    for (uint c = 0; c < CHANNELS; ++c)
+        for (uint k = 0; k < BLOCK; ++k)
+            block.samples.channel[c][k] *= factor[k];
+    end_block(&block, pixel_count, resolution, sum);
 }

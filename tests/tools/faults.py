@@ -79,7 +79,6 @@ TESTS: dict[str, tuple[str, ...]] = {
     "shade_tiles.cl": SPHERE,
     "span_sums.cl": CUT,
     "sphere.clh": SPHERE,
-    "streams.clh": RENDER,
     # the host
     "streaming.py": ("test_streaming.py", "test_launches.py"),
     "benchmark.py": (*SHOWN, "test_benchmark.py", "test_options.py"),
@@ -179,7 +178,7 @@ FAULTS: list[Fault] = [
     ),
     kernel(
         "sobol per pixel: both axes by one key",
-        "streams.clh",
+        "pixel_block.clh",
         "scramble_down[k] = words.y[k];",
         "scramble_down[k] = words.x[k];",
         "a copied line",
@@ -612,8 +611,8 @@ FAULTS: list[Fault] = [
     kernel(
         "mis: the second stream is the first",
         "render_mis.cl",
-        "second[i] = index[i] | 0x80000000u;",
-        "second[i] = index[i];",
+        "second[i] = block.index[i] | 0x80000000u;",
+        "second[i] = block.index[i];",
         "both points alike",
     ),
     kernel(
@@ -653,9 +652,9 @@ FAULTS: list[Fault] = [
     ),
     kernel(
         "render: the last block writes too much",
-        "render_light.cl",
-        "block_store(&samples, index, min((uint)BLOCK, pixel_count - first), resolution, sum);",
-        "block_store(&samples, index, BLOCK, resolution, sum);",
+        "pixel_block.clh",
+        "const uint count = min((uint)BLOCK, pixel_count - (uint)get_global_id(0) * BLOCK);",
+        "const uint count = BLOCK;",
         "a remainder: the last pixel counts many times",
     ),
     kernel(
