@@ -5,18 +5,29 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-COMMANDS = (
-    "part1_fresnel",
-    "part2_sample",
-    "part3_shade",
-    "part4_pbrt",
-    "bench",
-    "roofline",
-    "stability",
-    "report",
-)
 SEQUENCES = ("independent", "stratified", "sobol", "r2")  # points of samples that all pixels share
 PIXEL_SEQUENCES = ("independent", "sobol")  # points of samples for every pixel
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command of the console program ``lightdome``."""
+
+    module: str  # in lightdome.commands; a script of this name runs it too, if there is one
+    purpose: str
+
+
+COMMANDS = {
+    "devices": Command("devices", "list OpenCL devices, their speed, and the one that is used"),
+    "sample": Command("part2_sample", "draw light samples from a map, and show where they fall"),
+    "shade": Command("part3_shade", "shade a sphere with samples that all pixels share"),
+    "render": Command("part4_pbrt", "render the sphere with fresh samples for every pixel"),
+    "fresnel": Command("part1_fresnel", "plot the Fresnel reflectance of a dielectric"),
+    "bench": Command("bench", "measure the error of each method against its run time"),
+    "roofline": Command("roofline", "measure each stage against what the machine can do"),
+    "stability": Command("stability", "try samplers on maps that break samplers"),
+    "report": Command("report", "write a report as PDF, with all images"),
+}
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ def main() -> None:
         "Measure every method's error and run time on one map, against the exact image that it converges to.\n\n"
         "Writes bench.csv, bench.json (errors relative to that image, times in seconds) and plots: error against"
         " time, error against count, stages, images.",
-        "scripts/bench.py --quick",
+        "--quick",
         "out/bench",
     )
     cli.map_options(parser)

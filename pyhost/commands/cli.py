@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import LightdomeError, exactly
 from ..files import utf8_name
+from ..names import COMMANDS
 
 if TYPE_CHECKING:
     from ..decisions import Decision
@@ -38,24 +39,38 @@ class _Help(argparse.HelpFormatter):
         return "\n\n".join(super(_Help, self)._fill_text(part, width, indent) for part in text.split("\n\n"))
 
 
-def parser(description: str, example: str, out: str) -> argparse.ArgumentParser:
-    """An argument parser with the look that all scripts share and the option ``--out``.
+def parser(description: str, example: str, out: str | None = None) -> argparse.ArgumentParser:
+    """An argument parser with the look that all commands share, and the option ``--out`` if there is a default.
 
-    The first paragraph of ``description`` is the purpose in one line.
+    The first paragraph of ``description`` is the purpose in one line; ``example`` holds the arguments of one.
     """
     result = argparse.ArgumentParser(
+        prog=Path(sys.argv[0]).name,
         description=description,
-        epilog=f"example: {example}",
+        epilog=f"example: {program()} {example}".rstrip(),
         formatter_class=_Help,
     )
-    result.add_argument("--out", type=Path, default=Path(out), metavar="DIR", help="folder to write into")
+    if out:
+        result.add_argument("--out", type=Path, default=Path(out), metavar="DIR", help="folder to write into")
     return result
+
+
+def program(command: str | None = None) -> str:
+    """How a user types this command, or another one: as the console program's, or as a script."""
+    if command is None:
+        return f"scripts/{Path(sys.argv[0]).name}" if _is_script() else sys.argv[0]
+    return f"scripts/{COMMANDS[command].module}.py" if _is_script() else f"lightdome {command}"
+
+
+def _is_script() -> bool:
+    """Whether a script runs the command, and not the console program."""
+    return Path(sys.argv[0]).suffix == ".py"
 
 
 def _data_folder() -> Path:
     """``data/`` beside the folder of the script that runs, else beside the package, where a clone has it."""
     of_script = Path(sys.argv[0]).resolve().parent.parent / "data"
-    return of_script if of_script.is_dir() else Path(__file__).resolve().parents[2] / "data"
+    return of_script if _is_script() and of_script.is_dir() else Path(__file__).resolve().parents[2] / "data"
 
 
 def map_options(parser: argparse.ArgumentParser) -> None:

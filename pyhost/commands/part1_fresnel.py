@@ -19,7 +19,7 @@ def parse_arguments() -> argparse.Namespace:
         "The angle of incidence runs from 0 to 90 degrees, for light that enters the material and for light that"
         " leaves it. Writes plots as .png and .svg, and the characteristic values to fresnel.json: angles in degrees,"
         " reflectances as fractions of the incident power. Needs no OpenCL device.",
-        example="scripts/part1_fresnel.py --eta 1.5 --out out/glass",
+        example="--eta 1.5 --out out/glass",
         out="out/part1",
     )
     parser.add_argument(

@@ -24,7 +24,7 @@ def main() -> None:
         "Draw directions from an environment map with probability proportional to luminance x sin(theta).\n\n"
         "Writes samples_N.npz, and em_N.pfm, em_N.ppm and em_N.png: the map with a square on each pixel drawn."
         " settings.json says what made them.",
-        "scripts/part2_sample.py --counts 64 256 --seed 1",
+        "--counts 64 256 --seed 1",
         "out/part2",
     )
     cli.map_options(parser)

@@ -13,7 +13,7 @@ def main() -> None:
         "Shade a diffuse sphere with sets of light samples, each set shared by all pixels.\n\n"
         "Writes sphere_N.pfm (linear radiance), sphere_N.ppm and sphere_N.png for a set of N samples."
         " settings.json says what made them.",
-        "scripts/part3_shade.py out/part2/samples_*.npz",
+        "out/part2/samples_*.npz",
         "out/part3",
     )
     parser.add_argument("samples", type=Path, nargs="+", metavar="SAMPLES.npz", help="files that part 2 wrote")

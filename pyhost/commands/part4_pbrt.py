@@ -26,7 +26,7 @@ def parse_arguments() -> argparse.Namespace:
         "Render a diffuse sphere under an environment map with fresh samples for every pixel.\n\n"
         "Writes sphere_Nspp.pfm (linear radiance), sphere_Nspp.ppm and sphere_Nspp.png for N samples per pixel, and the"
         " scenes for PBRT-v3 and PBRT-v4 into the folder pbrt. settings.json says what made the images.",
-        example="scripts/part4_pbrt.py --spp 16 64 --seed 1",
+        example="--spp 16 64 --seed 1",
         out="out/part4",
     )
     cli.map_options(parser)

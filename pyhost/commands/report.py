@@ -24,8 +24,8 @@ class Runs:
         self.folders: dict[str, Path] = {}
         self.settings: dict[str, dict] = {}
 
-    def need(self, name: str, script: str, record: str, wanted: Mapping[str, object], *options: object) -> None:
-        """Find the results ``name`` whose settings are as ``wanted``, or run ``script`` with ``options`` for them."""
+    def need(self, name: str, command: str, record: str, wanted: Mapping[str, object], *options: object) -> None:
+        """Find the results ``name`` whose settings are as ``wanted``, or run ``command`` with ``options`` for them."""
         from . import settings
 
         own = self.out / name
@@ -39,21 +39,21 @@ class Runs:
                 print(f"{name}: not from {folder}, where {other} is another")
         else:
             folder = own
-            print(f"{name}: running {script}", flush=True)
-            status = run(script, *options, "--out", folder)
+            print(f"{name}: running lightdome {command}", flush=True)
+            status = run(command, *options, "--out", folder)
             found = settings.read(folder / record)
-            # A case of the stability table may fail: the script says so, and the report shows it.
+            # A case of the stability table may fail: the command says so, and the report shows it.
             if found is None or settings.difference(found, wanted):
                 if status:
                     sys.exit(status)  # it has said why
-                raise RuntimeError(f"{script} did not leave what was asked for in {folder}")
+                raise RuntimeError(f"{command} did not leave what was asked for in {folder}")
         self.folders[name], self.settings[name] = folder, found
 
 
-def run(script: str, *options: object) -> int:
-    """Run a script with its errors and progress on our terminal; its exit status, 1 if it was killed."""
-    command = [sys.executable, "-m", "lightdome.commands", script, *options]
-    with subprocess.Popen([str(word) for word in command], stdout=subprocess.DEVNULL) as process:
+def run(command: str, *options: object) -> int:
+    """Run a command with its errors and progress on our terminal; its exit status, 1 if it was killed."""
+    words = [sys.executable, "-m", "lightdome", command, *options]
+    with subprocess.Popen([str(word) for word in words], stdout=subprocess.DEVNULL) as process:
         atexit.register(process.terminate)  # politely: it clears up after itself
         status = process.wait()
         atexit.unregister(process.terminate)
@@ -67,7 +67,7 @@ def main() -> None:
         " stability beside DIR if they are of this map and version; the others are run, into DIR, and measure numpy,"
         " Mitsuba and PBRT too where they are there. All of it afresh takes about half an hour on two cores with"
         " Mitsuba and PBRT, and less without.",
-        "scripts/report.py --quick",
+        "--quick",
         "out/report",
     )
     cli.map_options(parser)
@@ -103,13 +103,13 @@ def make(args: argparse.Namespace) -> None:
     with_pbrt = {"pbrt": str(args.pbrt)} if args.pbrt else {}
 
     runs = Runs(out)
-    runs.need("part1", "part1_fresnel", settings.NAME, of_version | {"options": {"eta": 1.4}})
+    runs.need("part1", "fresnel", settings.NAME, of_version | {"options": {"eta": 1.4}})
     options: dict[str, object] = {"counts": COUNTS}
-    runs.need("part2", "part2_sample", settings.NAME, of_map | {"options": options}, "--counts", *COUNTS, *on_map)
+    runs.need("part2", "sample", settings.NAME, of_map | {"options": options}, "--counts", *COUNTS, *on_map)
     names = [f"samples_{n}.npz" for n in COUNTS]
     runs.need(
         "part3",
-        "part3_shade",
+        "shade",
         settings.NAME,
         of_version | {"options": sphere, "inputs": {name: runs.settings["part2"]["files"][name] for name in names}},
         *(runs.folders["part2"] / name for name in names),
@@ -117,7 +117,7 @@ def make(args: argparse.Namespace) -> None:
     )
     runs.need(
         "part4",
-        "part4_pbrt",
+        "render",
         settings.NAME,
         of_map | {"options": {"spp": SPP, **sphere, **with_pbrt}},
         *("--spp", *SPP, "--resolution", sphere["resolution"], *on_map),

@@ -17,7 +17,7 @@ def main() -> None:
         "Measure the machine's limits, and every stage's share of them as maps, images and counts grow.\n\n"
         "Writes roofline.csv (a row for each stage and size), roofline.json (the same with the limits; seconds, bytes,"
         " amounts per second) and plots: stages against the limits, time and memory against size.",
-        "scripts/roofline.py --quick",
+        "--quick",
         "out/roofline",
     )
     cli.map_options(parser)

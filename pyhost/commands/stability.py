@@ -14,7 +14,7 @@ def main() -> None:
     parser = cli.parser(
         "Check probabilities, sums, CDFs, draws and images on maps that break samplers, against float64.\n\n"
         "Writes stability.csv, stability.json and stability.png; exits with 1 if a case fails.",
-        "scripts/stability.py --quick",
+        "--quick",
         "out/stability",
     )
     parser.add_argument(

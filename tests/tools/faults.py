@@ -1623,10 +1623,10 @@ FAULTS: list[Fault] = [
     command(
         "the default map is only beside a script",
         "cli.py",
-        "return of_script if of_script.is_dir() else",
+        "return of_script if _is_script() and of_script.is_dir() else",
         "return of_script if True else",
         "an order of preference",
-        ("test_module.py",),
+        ("test_program.py",),
     ),
     command(
         "the default map is Grace, there or not",

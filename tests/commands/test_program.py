@@ -1,4 +1,4 @@
-"""``python -m lightdome.commands`` runs a command without its script, from any folder."""
+"""``python -m lightdome``, as the console program, runs a command without its script, from any folder."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ pytestmark = pytest.mark.slow
 
 
 def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "lightdome.commands", *arguments]
+    command = [sys.executable, "-m", "lightdome", *arguments]
     wide = {**os.environ, "COLUMNS": "1000"}
     return subprocess.run(command, capture_output=True, text=True, timeout=LONG, cwd=folder, env=wide)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"), [((), "required: NAME"), (("nope",), "'nope'"), (("settings",), "'settings'")]
+    ("arguments", "message"), [((), "required: COMMAND"), (("nope",), "'nope'"), (("settings",), "'settings'")]
 )
 def test_a_name_that_is_no_command_is_refused(tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:
     result = run(tmp_path, *arguments)
@@ -33,7 +33,8 @@ def test_a_name_that_is_no_command_is_refused(tmp_path: Path, arguments: tuple[s
 def test_help_names_every_command(tmp_path: Path) -> None:
     result = run(tmp_path, "--help")
     assert result.returncode == 0
-    assert ", ".join(COMMANDS) in result.stdout
+    for name, command in COMMANDS.items():
+        assert f"{name:<10} {command.purpose}" in result.stdout
 
 
 def test_the_default_map_is_that_of_the_clone(tmp_path: Path) -> None:
@@ -42,12 +43,12 @@ def test_the_default_map_is_that_of_the_clone(tmp_path: Path) -> None:
     for other in (folder, tmp_path / "data"):
         other.mkdir()
     (tmp_path / "data" / "default.exr").touch()
-    result = run(folder, "part2_sample", "--help")
+    result = run(folder, "sample", "--help")
     (line,) = (line for line in result.stdout.splitlines() if line.lstrip().startswith("--map "))
     assert f"(default: {ROOT / 'data'}{os.sep}" in line
 
 
 def test_a_mistake_is_told_as_by_the_script(tmp_path: Path) -> None:
-    result = run(tmp_path, "part3_shade", "nothing.npz")
+    result = run(tmp_path, "shade", "nothing.npz")
     fails_in_one_line(result, "nothing.npz")
-    assert result.stderr.startswith("part3_shade: ")
+    assert result.stderr.startswith("lightdome shade: ")
