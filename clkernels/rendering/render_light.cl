@@ -40,19 +40,14 @@ kernel void render_light(global const float *restrict radiance,
     for (uint s = begin; s < end; ++s) {
         // A pixel of the map, drawn as its light
         uint across[BLOCK], down[BLOCK], x[BLOCK], y[BLOCK];
+        block_directions w;
         next_points(&block.streams, s, across, down);
         pick_pixels(&map, across, down, BLOCK, x, y);
-
-        // c = max(0, n . w), w = (sin theta cos phi, cos theta, sin theta sin phi)
-        block_directions w;
         block_centres(theta, phi, x, y, &w);
-        float c[BLOCK];
-        for (uint k = 0; k < BLOCK; ++k) {
-            const float across_y = block.normal.x[k] * w.cos_phi[k] + block.normal.z[k] * w.sin_phi[k];
-            c[k] = fmax(w.sin_theta[k] * across_y + block.normal.y[k] * w.cos_theta[k], 0.0f);
-        }
 
         // c L / S
+        float c[BLOCK];
+        block_cosines(&block.normal, &w, c);
         block_add_colours(&block.samples, radiance, width, scale, x, y, c);
     }
     end_block(&block, pixel_count, resolution, sum);

@@ -21,8 +21,8 @@
 //
 // One work-item BLOCK pixels.
 
-#include "common/guided.clh"
 #include "rendering/cosine_block.clh"
+#include "rendering/pixel_places.clh"
 
 typedef struct {
     guided_map map;
@@ -39,66 +39,23 @@ static inline wide light_density(const Light *light, private const block_rgb *L,
     return fmax(radiance_sum(L, k) - light->offset, (wide)(0.0f)) * light->k;
 }
 
-// Where in the step of a CDF that it picks, from `below` to `above` of `total`, each u lies: from 0 to 1.
-static inline void places(private const uint *u, private const uint *total, private const uint *below,
-                          private const uint *above, private float *place)
-{
-    for (uint k = 0; k < BLOCK; ++k) {
-        const ulong target = (ulong)u[k] * total[k];
-        place[k] = ((float)((uint)(target >> 32) - below[k]) + (float)(uint)target * FRACTION) /
-                   (float)(above[k] - below[k]);
-    }
-}
-
 // c L / S with its weight q^2 / (q^2 + c^2) is L k / (q / c + c / q): no square that could leave float's range.
 static inline void add_light_samples(const Light *light, private const block3 *n, private const uint *across,
                                      private const uint *down, private block_rgb *sum)
 {
-    // A pixel of the map, drawn as its light
-    const guided_map *map = &light->map;
+    // A pixel of the map, drawn as its light, and a direction in it
     uint x[BLOCK], y[BLOCK];
-    pick_pixels(map, across, down, BLOCK, x, y);
-
-    // A direction in it, even over its solid angle: the points' places in the steps that they picked are even again
-    uint total[BLOCK], below[BLOCK], above[BLOCK];
-    float place[BLOCK], cos_theta[BLOCK], turn[BLOCK];
-    SCALAR_LOADS
-    for (uint k = 0; k < BLOCK; ++k) {
-        global const uint *at = map->marginal_cdf + y[k];
-        total[k] = map->marginal_cdf[map->height - 1];
-        below[k] = y[k] == 0 ? 0 : at[-1];
-        above[k] = at[0];
-    }
-    places(down, total, below, above, place);
-    SCALAR_LOADS
-    for (uint k = 0; k < BLOCK; ++k)
-        cos_theta[k] = mix(light->edge[y[k]], light->edge[y[k] + 1], place[k]);
-    SCALAR_LOADS
-    for (uint k = 0; k < BLOCK; ++k) {
-        global const uint *at = map->row_cdf + (size_t)y[k] * map->width + x[k];
-        total[k] = map->row_total[y[k]];
-        below[k] = x[k] == 0 ? 0 : at[-1];
-        above[k] = at[0];
-    }
-    places(across, total, below, above, place);
-    for (uint k = 0; k < BLOCK; ++k)
-        turn[k] = x[k] + place[k];
+    block_directions w;
+    pick_directions(&light->map, light->edge, across, down, x, y, &w);
 
     // L k / (q / c + c / q)
     block_rgb L;
     block_radiance(light->radiance, light->map.width, light->scale, x, y, &L);
-    const float turns_a_column = 1.0f / map->width;
-    float weight[BLOCK];
+    float cosine[BLOCK], weight[BLOCK];
+    block_cosines(n, &w, cosine);
     for (uint k = 0; k < BLOCK; k += WIDTH) {
-        const wide cos_theta_k = LOAD_WIDE(cos_theta + k);
-        const wide sin_theta = sqrt(fmax((1.0f - cos_theta_k) * (1.0f + cos_theta_k), (wide)(0.0f)));
-        wide sin_phi, cos_phi;
-        sine_cosine_of_turns(LOAD_WIDE(turn + k) * turns_a_column, &sin_phi, &cos_phi);
-        const wide cosine = sin_theta * (LOAD_WIDE(n->x + k) * cos_phi + LOAD_WIDE(n->z + k) * sin_phi)
-                          + LOAD_WIDE(n->y + k) * cos_theta_k;
-        const wide q = light_density(light, &L, k);
-        const wide sum_of_ratios = q / cosine + cosine / q;
-        STORE_WIDE(cosine > 0.0f && q > 0.0f ? light->k / sum_of_ratios : (wide)(0.0f), weight + k);
+        const wide q = light_density(light, &L, k), c = LOAD_WIDE(cosine + k);
+        STORE_WIDE(c > 0.0f && q > 0.0f ? light->k / (q / c + c / q) : (wide)(0.0f), weight + k);
     }
     block_add(sum, &L, weight);
 }
