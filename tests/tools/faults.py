@@ -65,12 +65,13 @@ TESTS: dict[str, tuple[str, ...]] = {
     "normal.clh": ("test_sphere.py", "test_render.py"),
     "pixel_block.clh": RENDER,
     "prefix_sum.clh": DRAWS,
+    "pixel_places.clh": RENDER,
     "product.clh": RENDER,
+    "product_block.clh": RENDER,
     "product_cdf.cl": RENDER,
     "render_bsdf.cl": RENDER,
-    "render_light.cl": RENDER,
     "render_mis.cl": RENDER,
-    "render_product.cl": RENDER,
+    "render_product_areas.cl": RENDER,
     "row_cdf.cl": DRAWS,
     "row_sums.cl": CUT,
     "sample_block.clh": DRAWS,
@@ -623,10 +624,10 @@ FAULTS: list[Fault] = [
         "half of a heuristic changed",
     ),
     kernel(
-        "mis: a light sample at its pixel's edge",
-        "render_mis.cl",
-        "turn[k] = x[k] + place[k];",
-        "turn[k] = x[k];",
+        "a direction within a pixel at its edge",
+        "pixel_places.clh",
+        "column = to_wide(LOAD_WIDE(x + k)) + LOAD_WIDE(across + k);",
+        "column = to_wide(LOAD_WIDE(x + k));",
         "a pixel taken for its edge",
     ),
     kernel(
@@ -673,18 +674,18 @@ FAULTS: list[Fault] = [
     ),
     kernel(
         "product: the last row of cells is cut off",
-        "render_product.cl",
-        "last[k] = min(cell_size.y, height - j[k] * cell_size.y) - 1;",
-        "last[k] = min(cell_size.y, height - j[k] * cell_size.y) - 1;\n"
-        "last[k] = j[k] + 1 == cells.y && height % cell_size.y ? 0 : last[k];",
+        "product_block.clh",
+        "last[k] = min(cdfs->cell_size.y, cdfs->height - j[k] * cdfs->cell_size.y) - 1;",
+        "last[k] = min(cdfs->cell_size.y, cdfs->height - j[k] * cdfs->cell_size.y) - 1;\n"
+        "last[k] = j[k] + 1 == cdfs->cells.y && cdfs->height % cdfs->cell_size.y ? 0 : last[k];",
         "the last cell taken for one row",
     ),
     kernel(
         "product: the last column of cells is cut off",
-        "render_product.cl",
-        "last[k] = min(cell_size.x, width - i[k] * cell_size.x) - 1;",
-        "last[k] = min(cell_size.x, width - i[k] * cell_size.x) - 1;\n"
-        "last[k] = i[k] + 1 == cells.x && width % cell_size.x ? 0 : last[k];",
+        "product_block.clh",
+        "last[k] = min(cdfs->cell_size.x, cdfs->width - i[k] * cdfs->cell_size.x) - 1;",
+        "last[k] = min(cdfs->cell_size.x, cdfs->width - i[k] * cdfs->cell_size.x) - 1;\n"
+        "last[k] = i[k] + 1 == cdfs->cells.x && cdfs->width % cdfs->cell_size.x ? 0 : last[k];",
         "the last cell taken for one column",
     ),
     kernel(
@@ -730,6 +731,20 @@ FAULTS: list[Fault] = [
         "red taken for light",
     ),
     kernel(
+        "cells: reach to centres alone",
+        "cells.cl",
+        ") + spread[y]);",
+        "));",
+        "pixels that the horizon cuts have no chance",
+    ),
+    kernel(
+        "product within pixels: a place of the other point",
+        "render_product_areas.cl",
+        "block_placed(edge, cdfs->width, x, y, place_across, place_down, w);",
+        "block_placed(edge, cdfs->width, x, y, place_down, place_down, w);",
+        "a copied name",
+    ),
+    kernel(
         "cells: rows without sin(theta)",
         "cells.cl",
         "const float g = sum * t.x;",
@@ -738,7 +753,7 @@ FAULTS: list[Fault] = [
     ),
     kernel(
         "render_product: the rest of a point is the point",
-        "render_product.cl",
+        "product_block.clh",
         "u[k] = (uint)(((ulong)u[k] * total[k] - ((ulong)below << 32)) / (at[0] - below));",
         "u[k] = u[k];",
         "a number used twice",
