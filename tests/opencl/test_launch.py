@@ -67,6 +67,13 @@ def test_a_signature_that_is_not_understood_is_refused(text: str) -> None:
         signature("some", text)
 
 
+def test_what_a_kernel_does_not_read_may_be_absent_but_not_what_it_writes() -> None:
+    table, _, _, arcs, _ = signature("some", TEXT).parameters
+    assert table.cast(None) is None
+    with pytest.raises(TypeError, match="must be an array on the device, got NoneType"):
+        arcs.cast(None)
+
+
 def test_scalars_and_vectors_are_cast_to_the_types_of_the_signature(device: Device) -> None:
     _, pair, cap, _, scale = signature("some", TEXT).parameters
     assert UINT.cast(np.int64(7)) == 7

@@ -239,8 +239,8 @@ FAULTS: list[Fault] = [
     kernel(
         "choose_rows takes the other axis",
         "choose_rows.cl",
-        "row[i] = invert_cdf(marginal_cdf, height, point.y);\n    across[i] = point.x;",
-        "row[i] = invert_cdf(marginal_cdf, height, point.x);\n    across[i] = point.y;",
+        "y = invert_cdf(marginal_cdf, height, point.y)",
+        "y = invert_cdf(marginal_cdf, height, point.x)",
         "axes swapped",
     ),
     kernel(
@@ -309,8 +309,8 @@ FAULTS: list[Fault] = [
     kernel(
         "sample: y and z exchanged",
         "sample_block.clh",
-        "stream_triples(w_x, cos_theta, w_z, begin, n, direction);",
-        "stream_triples(w_x, w_z, cos_theta, begin, n, direction);",
+        "stream_triples(w_x, angles->cos_theta, w_z, begin, n, direction);",
+        "stream_triples(w_x, w_z, angles->cos_theta, begin, n, direction);",
         "z is up elsewhere",
     ),
     kernel(
@@ -903,8 +903,8 @@ FAULTS: list[Fault] = [
     host(
         "pixels alone are drawn as whole samples",
         "draw.py",
-        'kernel = points.kernel if "direction" in outputs else "sample_pixels"',
-        "kernel = points.kernel",
+        'kernel = "sample" if "direction" in outputs else "sample_pixels"',
+        'kernel = "sample"',
         "a kernel that is not chosen",
     ),
     host(
