@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 SEQUENCES = ("independent", "stratified", "sobol", "r2")  # points of samples that all pixels share
-WITHIN = ("centre", "pixel")  # where in its pixel the direction of a sample that all pixels share lies
+WITHIN = ("centre", "pixel")  # where in its pixel the direction of a sample lies
 PIXEL_SEQUENCES = ("independent", "sobol")  # points of samples for every pixel
 
 

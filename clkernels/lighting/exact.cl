@@ -9,10 +9,8 @@
 //
 // arcs        from arc_sums.cl, for rows first .. first + rows - 1
 // half_arc    resolution x height: the half angle in columns, 0 where the row is dark, half the width where all is lit
-// tiles       (x, y) of each group of WIDTH pixels that meets the disc
-// sum         2 x resolution x resolution x 3: high words, then low words of the rows so far; this adds its rows
 //
-// Source of n . M: Arvo, The Irradiance Jacobian (1994). One work-item a tile.
+// Other arguments: sphere.clh. Source of n . M: Arvo, The Irradiance Jacobian (1994). One work-item a tile.
 
 #include "common/image_sum.clh"
 #include "common/angle.clh"

@@ -18,10 +18,8 @@
 // start        resolution x rows: the first of m + 1 polynomials
 // polynomials  8 floats each: m for the pieces, one for a column before h_0; 7 coefficients from the constant up, and 1 /
 //              the length of the piece in columns. They are in t from 0, the piece's dark end, to 1
-// tiles        (x, y) of each group of WIDTH pixels that meets the disc
-// sum          2 x resolution x resolution x 3: high words, then low words of the rows so far; this adds its rows
 //
-// Source of n . M: Arvo, The Irradiance Jacobian (1994). One work-item a tile.
+// Other arguments: sphere.clh. Source of n . M: Arvo, The Irradiance Jacobian (1994). One work-item a tile.
 
 #include "common/image_sum.clh"
 #include "common/angle.clh"

@@ -7,11 +7,9 @@
 //
 //     p_lm = a_lm n_y p_{l-1,m} - b_lm p_{l-2,m}        p_mm = a_mm
 //
-// tiles   (x, y) of each tile that meets the disc
-// terms   for m = 0 .. order, for l = m .. order: a, b, then c_lm for R, G, B with the real part, then the imaginary
-// image   resolution x resolution x 3; pixels outside the disc are left alone
+// terms  for m = 0 .. order, for l = m .. order: a, b, then c_lm for R, G, B with the real part, then the imaginary
 //
-// One work-item a tile of WIDTH pixels.
+// Other arguments: sphere.clh. One work-item a tile of one row.
 
 #include "common/fma.clh"
 #include "lighting/sphere.clh"

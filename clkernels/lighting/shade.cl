@@ -2,13 +2,11 @@
 //
 //     image(n) = sum over lights of E max(0, n . w)
 //
-// tiles    (x, y) of each tile that meets the disc
-// lights   light_count x 6 floats: direction w, and E = albedo / pi x flux in red, green, blue; or with GREY x 4, as the
-//          three are the same
-// image    resolution x resolution x 3, zeroed; pixels outside the disc are left alone
+// lights  light_count x 6 floats: direction w, and E = albedo / pi x flux in red, green, blue; or with GREY x 4, as the
+//         three are the same
 //
-// One work-item a tile of WIDTH x ROWS pixels. Chunks of lights are summed in single precision, and the chunks' sums in
-// double words, so that half a million lights lose no more digits than a hundred.
+// Other arguments: sphere.clh. One work-item a tile of WIDTH x ROWS pixels. Chunks of lights are summed in single
+// precision, and the chunks' sums in double words, so that half a million lights lose no more digits than a hundred.
 
 #include "common/double_word.clh"
 #include "common/channels.clh"

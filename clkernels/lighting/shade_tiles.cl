@@ -9,14 +9,12 @@
 // image is the brute-force one (shade.cl) up to rounding. Lights come sorted, so that groups of 16 lie close
 // together: of most groups all light the tile, or none, and their bounds and matrix are all that is looked at.
 //
-// tiles           (x, y) of each tile that meets the disc
 // lights          6 rows of stride floats: w_x, w_y, w_z, and E = albedo / pi x flux in red, green, blue, or with GREY
 //                 4, as the three are the same; stride is a multiple of 16, E of the lights past the last one is zero
 // bounds, groups  of groups of 16 lights, see light_groups.cl
-// image           resolution x resolution x 3, zeroed; pixels outside the disc are left alone
 //
-// One work-item a tile of 16 x ROWS pixels (ROWS even): vectors of 16 lights to classify and sum, vectors
-// of 16 pixels to evaluate.
+// Other arguments: sphere.clh. One work-item a tile of 16 x ROWS pixels (ROWS even): vectors of 16 lights to classify
+// and sum, vectors of 16 pixels to evaluate.
 
 #include "common/channels.clh"
 #include "common/double_word.clh"
