@@ -1,4 +1,4 @@
-// Per-pixel Monte Carlo of the diffuse sphere: directions drawn as the cosine. Arguments: pixel_block.clh, and k.
+// Per-pixel Monte Carlo of the diffuse sphere: directions drawn as the cosine. Arguments: pixel_block.clh.
 //
 // The density is c / pi, so the image is albedo F / pi times the mean over samples of
 //

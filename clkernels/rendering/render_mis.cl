@@ -12,7 +12,7 @@
 // The cosine's directions fall anywhere in a pixel, so the radiance is constant over a pixel, and the light's directions
 // are placed evenly over its solid angle: this converges to the integral over areas (exact_areas.cl).
 //
-// Arguments are those of pixel_block.clh, k, and
+// Arguments are those of pixel_block.clh, and
 //
 // row_cdf, marginal_cdf  of S - offset
 // edge                   cos(theta) at the height + 1 borders of rows

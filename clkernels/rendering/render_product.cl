@@ -43,7 +43,8 @@ kernel void render_product(global const uint *restrict tile_row_cdf,
         uint across[BLOCK], down[BLOCK], i[BLOCK], j[BLOCK], x[BLOCK], y[BLOCK];
         next_points(&block.streams, s, across, down);
         pick_cells(&cdfs, &tiles, across, down, i, j);
-        pick_in_cells(&cdfs, i, j, across, down, x, y);
+        float place_across[BLOCK], place_down[BLOCK];  // that render_product_areas.cl takes
+        pick_in_cells(&cdfs, i, j, across, down, x, y, place_across, place_down);
 
         // (L / S) (c / C)
         block_directions w;

@@ -7,26 +7,7 @@
 //
 // One work-item BLOCK pixels, in short loops.
 
-#include "rendering/pixel_places.clh"
 #include "rendering/product_block.clh"
-
-// Directions at the places in pixels (x, y) that is left of points (across, down), which picked them in cells (i, j).
-static inline void place_in_cells(const product_cdfs *cdfs, private const uint *i, private const uint *j,
-                                  private const uint *x, private const uint *y, private const uint *across,
-                                  private const uint *down, global const float *edge, private block_directions *w)
-{
-    uint base[BLOCK], last[BLOCK], total[BLOCK], index[BLOCK];
-    float place_across[BLOCK], place_down[BLOCK];
-    cell_marginals(cdfs, i, j, base, last, total);
-    for (uint k = 0; k < BLOCK; ++k)
-        index[k] = y[k] - j[k] * cdfs->cell_size.y;
-    block_places(cdfs->cell_marginal_cdf, base, index, total, down, place_down);
-    cell_rows(cdfs, i, y, base, last, total);
-    for (uint k = 0; k < BLOCK; ++k)
-        index[k] = x[k] - i[k] * cdfs->cell_size.x;
-    block_places(cdfs->cell_row_cdf, base, index, total, across, place_across);
-    block_placed(edge, cdfs->width, x, y, place_across, place_down, w);
-}
 
 kernel void render_product_areas(global const uint *restrict tile_row_cdf,
                                  global const uint *restrict tile_marginal_cdf,
@@ -64,12 +45,13 @@ kernel void render_product_areas(global const uint *restrict tile_row_cdf,
         uint across[BLOCK], down[BLOCK], i[BLOCK], j[BLOCK], x[BLOCK], y[BLOCK];
         next_points(&block.streams, s, across, down);
         pick_cells(&cdfs, &tiles, across, down, i, j);
-        pick_in_cells(&cdfs, i, j, across, down, x, y);
+        float place_across[BLOCK], place_down[BLOCK];
+        pick_in_cells(&cdfs, i, j, across, down, x, y, place_across, place_down);
 
         // (L / S) (c / C)
         block_directions w;
         float weight[BLOCK];
-        place_in_cells(&cdfs, i, j, x, y, across, down, edge, &w);
+        block_placed(edge, width, x, y, place_across, place_down, &w);
         cosine_ratios(&cdfs, &tiles, i, j, &block.normal, &w, weight);
         block_add_colours(&block.samples, radiance, width, scale, x, y, weight);
     }

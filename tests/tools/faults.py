@@ -740,8 +740,8 @@ FAULTS: list[Fault] = [
     kernel(
         "product within pixels: a place of the other point",
         "render_product_areas.cl",
-        "block_placed(edge, cdfs->width, x, y, place_across, place_down, w);",
-        "block_placed(edge, cdfs->width, x, y, place_down, place_down, w);",
+        "block_placed(edge, width, x, y, place_across, place_down, &w);",
+        "block_placed(edge, width, x, y, place_down, place_down, &w);",
         "a copied name",
     ),
     kernel(
