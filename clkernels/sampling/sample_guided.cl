@@ -34,8 +34,10 @@ kernel void sample_guided(global const uint *restrict row_cdf,
                             width, height};
     pick_pixels(&map, across, down, n, x, y);
     block_angles angles;
-    sample_angles(row_cdf, marginal_cdf, theta, phi, row_versines, points, width, height, count, seed, across, down, x, y,
-                  begin, n, &angles);
-    store_samples(radiance, theta, width, scale, inverse_total, x, y, &angles, begin, n, direction, sample_radiance, pixel,
-                  probability);
+    load_centres(theta, phi, x, y, n, &angles);
+    store_lights(radiance, width, scale, inverse_total, x, y, angles.sin_theta, begin, n, sample_radiance, pixel,
+                 probability);
+    move_within_pixels(row_cdf, marginal_cdf, row_versines, points, width, height, count, seed, across, down, x, y, begin,
+                       n, &angles);
+    store_directions(&angles, begin, n, direction);
 }

@@ -45,9 +45,9 @@ def digest(*arrays: np.ndarray) -> str:
     return hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)).hexdigest()[:16]
 
 
-def samples_of(distribution: Distribution, sequence: str) -> str:
+def samples_of(distribution: Distribution, sequence: str, within: str = "centre") -> str:
     """A digest of samples, few and many."""
-    drawn = [distribution.sample(count, 2**40 + 5, sequence) for count in (1, 1000, 100_000)]
+    drawn = [distribution.sample(count, 2**40 + 5, sequence, within) for count in (1, 1000, 100_000)]
     return digest(*(a for s in drawn for a in (s.pixel, s.probability, s.direction, s.radiance)))
 
 
@@ -90,6 +90,7 @@ def test_the_same_seed_gives_the_same_samples_to_the_last_bit(devices: list[Devi
     for device in devices:
         distribution = build_distribution(device, EnvironmentMap(MAPS[name]))
         assert samples_of(distribution, sequence) == RECORDED_SAMPLES[name, sequence], device.description
+        assert samples_of(distribution, sequence, "pixel") == RECORDED_WITHIN[name, sequence], device.description
 
 
 def test_cdfs_and_median_cuts_are_the_same_to_the_last_bit(devices: list[Device]) -> None:
@@ -177,6 +178,20 @@ RECORDED_SAMPLES = {
     ("tiny", "stratified"): "a6a4d3e5fa8ecf30",
     ("tiny", "sobol"): "599c22556f9741f8",
     ("tiny", "r2"): "0ba51cdc3b236c8d",
+}
+RECORDED_WITHIN = {
+    ("stiff", "independent"): "e7467a77ce96f7a7",
+    ("stiff", "stratified"): "cb43f906fae77767",
+    ("stiff", "sobol"): "75cb4b7ffb60713d",
+    ("stiff", "r2"): "b534a3013d9c3161",
+    ("smooth", "independent"): "c9697f7c4648c206",
+    ("smooth", "stratified"): "73614b5ca9119737",
+    ("smooth", "sobol"): "f8aa41bc26109253",
+    ("smooth", "r2"): "b39154fc3665e2aa",
+    ("tiny", "independent"): "c3f9779ea39a9f8a",
+    ("tiny", "stratified"): "ed37b1bdf61118ac",
+    ("tiny", "sobol"): "bce38c114b715448",
+    ("tiny", "r2"): "98a345ef1f5b93a7",
 }
 RECORDED_CDFS = ("64657c85960a7c55", "0c29caba3feee043")
 RECORDED_MEANS = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -134,7 +135,7 @@ def assert_same(drawn: Samples, expected: Samples) -> None:
         assert one.dtype == other.dtype
         assert one.tobytes() == other.tobytes(), name
     assert (drawn.map_shape, drawn.sequence, drawn.seed) == (expected.map_shape, expected.sequence, expected.seed)
-    assert drawn.version == expected.version
+    assert (drawn.version, drawn.within) == (expected.version, expected.within)
 
 
 @pytest.mark.parametrize("batch", [1, 3, None])
@@ -151,6 +152,9 @@ def test_samples_are_those_of_the_map_in_memory(device: Device, tmp_path: Path, 
         sets = sample_file(device, ImageRows(path, batch), counts, 2**40 + 1, sequence)
         for count, samples in zip(counts, sets, strict=True):
             assert_same(samples, distribution.sample(count, 2**40 + 1, sequence))
+        sets = sample_file(device, ImageRows(path, batch), counts, 5, sequence, within="pixel")
+        for count, samples in zip(counts, sets, strict=True):
+            assert_same(samples, distribution.sample(count, 5, sequence, within="pixel"))
 
 
 @pytest.mark.parametrize("exponent", [-110, 90])
@@ -268,7 +272,8 @@ def test_memory_is_for_bands_and_not_for_the_map(tmp_path: Path) -> None:
 
 def test_part_2_draws_the_same_samples_without_pictures(run_here: Script, tmp_path: Path) -> None:
     write_image(tmp_path / "map.exr", stiff_radiance(21, 43))
-    arguments = ("part2_sample", "--map", tmp_path / "map.exr", "--counts", 9, 5, "--sequence", "sobol", "--out")
+    arguments = ("part2_sample", "--map", tmp_path / "map.exr", "--counts", 9, 5, "--sequence", "sobol")
+    arguments = (*arguments, "--within", "pixel", "--out")
     result = run_here(*arguments, tmp_path / "only", "--samples-only")
     assert result.returncode == 0, result.stderr
     assert "note: the map is 43 x 21" in result.stderr
@@ -276,6 +281,8 @@ def test_part_2_draws_the_same_samples_without_pictures(run_here: Script, tmp_pa
     assert run_here(*arguments, tmp_path / "all").returncode == 0
     for name in ("samples_5.npz", "samples_9.npz"):
         assert (tmp_path / "only" / name).read_bytes() == (tmp_path / "all" / name).read_bytes()
+        assert Samples.load(tmp_path / "all" / name).within == "pixel"
+    assert json.loads((tmp_path / "all" / "settings.json").read_text())["options"]["within"] == "pixel"
 
 
 def test_a_map_that_is_too_large_is_refused_with_the_option_that_helps(script: Script, tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ from lightdome.rendering.per_pixel import ESTIMATORS, render
 from lightdome.rendering.per_pixel import SEQUENCES as RENDER_SEQUENCES
 from lightdome.sampling import draw as draw_module
 from lightdome.sampling.distribution import Distribution, build_distribution
-from lightdome.sampling.samples import SEQUENCES
+from lightdome.sampling.samples import SEQUENCES, WITHIN
 from lightdome.sampling.streaming import sample_file
 
 SHAPES = ((7, 5), (3, 33))
@@ -195,8 +195,10 @@ def draw(distribution: Distribution) -> None:
     for guided_from in (0, np.inf):
         draw_module.SAMPLES_PER_PIXEL = guided_from
         for sequence in SEQUENCES:
-            distribution.sample(19, 1, sequence)
-        distribution.sample_at(np.array([(0, 0), (1 - 2.0**-32, 1 - 2.0**-32), (0.5, 0.25)]))
+            for within in WITHIN:
+                distribution.sample(19, 1, sequence, within)
+        for within in WITHIN:
+            distribution.sample_at(np.array([(0, 0), (1 - 2.0**-32, 1 - 2.0**-32), (0.5, 0.25)]), within)
 
 
 def draw_pixels(distribution: Distribution) -> None:
