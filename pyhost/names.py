@@ -7,6 +7,7 @@ from typing import Literal
 
 SEQUENCES = ("independent", "stratified", "sobol", "r2")  # points of samples that all pixels share
 WITHIN = ("centre", "pixel")  # where in its pixel the direction of a sample lies
+PIXELS = ("centres", "areas")  # what exact images take the map's pixels for
 PIXEL_SEQUENCES = ("independent", "sobol")  # points of samples for every pixel
 CONVENTIONS = ("lightdome", "pbrt", "mitsuba", "cycles", "gltf", "skylibs")  # of maps: lightdome.maps.conventions
 
@@ -37,6 +38,7 @@ COMMANDS = {
     "sample": Command("part2_sample", "draw light samples from a map, and show where they fall"),
     "shade": Command("part3_shade", "shade a sphere with samples that all pixels share"),
     "render": Command("part4_pbrt", "render the sphere with fresh samples for every pixel"),
+    "exact": Command("exact", "sum the sphere's image over every pixel of a map: what estimators converge to"),
     "lights": Command("lights", "turn a map into a few lights, as a file for another program"),
     "fresnel": Command("part1_fresnel", "plot the Fresnel reflectance of a dielectric"),
     "bench": Command("bench", "measure the error of each method against its run time"),

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from ..maps.envmap import EnvironmentMap
     from ..opencl.device import Device
 
+LINEAR, DISPLAYED = ["pfm", "exr"], ["ppm", "png"]  # formats of images, of radiance and of 8-bit values
+FORMATS = ["pfm", "ppm", "png"]
+
 
 class _Help(argparse.HelpFormatter):
     """Keeps paragraphs, and says the default of every option that has one, as it would be typed."""
@@ -252,8 +255,17 @@ def sphere_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def tone_options(parser: argparse.ArgumentParser) -> None:
-    """Add ``--gamma`` and ``--exposure``, which only the pictures for the eye use."""
+def image_options(parser: argparse.ArgumentParser) -> None:
+    """Add ``--format``, and ``--gamma`` and ``--exposure``, which only the pictures for the eye use."""
+    parser.add_argument(
+        "--format",
+        nargs="+",
+        choices=LINEAR + DISPLAYED,
+        default=FORMATS,
+        metavar="FORMAT",
+        help=f"formats of the images: {' and '.join(LINEAR)} hold linear radiance, {' and '.join(DISPLAYED)} are for"
+        " the eye",
+    )
     parser.add_argument("--gamma", type=positive_float, default=2.2, help="gamma of the .ppm and .png files")
     parser.add_argument(
         "--exposure",
@@ -262,6 +274,25 @@ def tone_options(parser: argparse.ArgumentParser) -> None:
         metavar="FACTOR",
         help="factor on the radiance in the .ppm and .png files, or auto: the 95th percentile becomes white",
     )
+
+
+def write_images(args: argparse.Namespace, path: Path, pixels: np.ndarray) -> list[str]:
+    """Write ``pixels`` in those formats of ``--format`` that hold them, radiance or 8-bit; the names of the files.
+
+    ``path`` is without a suffix.
+    """
+    from ..maps.images import write_image
+
+    formats = LINEAR if pixels.dtype.kind == "f" else DISPLAYED
+    names = [f"{path.name}.{name}" for name in formats if name in args.format]
+    for name in names:
+        write_image(path.with_name(name), pixels)
+    return names
+
+
+def formats(args: argparse.Namespace) -> str:
+    """The suffixes of ``--format``, as they follow a file's name in what a command says."""
+    return ", ".join(f".{name}" for name in dict.fromkeys(args.format))
 
 
 def output_folder(path: Path, images: bool = False) -> Path:

@@ -113,17 +113,20 @@ def need_all(runs: Runs, args: argparse.Namespace, envmap: EnvironmentMap) -> No
     on_map = [*cli.map_arguments(args), *on_device]
     quick = ["--quick"] if args.quick else []
     sphere = {"resolution": 255 if args.quick else 511, "albedo": 1.0}
+    estimator = {"estimator": "light", "sequence": "independent", "within": None}
     with_pbrt = {"pbrt": str(args.pbrt)} if args.pbrt else {}
 
     runs.need("part1", "fresnel", settings.NAME, of_version | {"options": {"eta": 1.4}})
-    options: dict[str, object] = {"counts": COUNTS}
+    shown = {"format": cli.FORMATS}
+    options: dict[str, object] = {"counts": COUNTS, **shown}
     runs.need("part2", "sample", settings.NAME, of_map | {"options": options}, "--counts", *COUNTS, *on_map)
     names = [f"samples_{n}.npz" for n in COUNTS]
     runs.need(
         "part3",
         "shade",
         settings.NAME,
-        of_version | {"options": sphere, "inputs": {name: runs.settings["part2"]["files"][name] for name in names}},
+        of_version
+        | {"options": sphere | shown, "inputs": {name: runs.settings["part2"]["files"][name] for name in names}},
         *(runs.folders["part2"] / name for name in names),
         *("--resolution", sphere["resolution"], *on_device),
     )
@@ -131,7 +134,7 @@ def need_all(runs: Runs, args: argparse.Namespace, envmap: EnvironmentMap) -> No
         "part4",
         "render",
         settings.NAME,
-        of_map | {"options": {"spp": SPP, **sphere, **with_pbrt}},
+        of_map | {"options": {"spp": SPP, **sphere, **shown, **estimator, **with_pbrt}},
         *("--spp", *SPP, "--resolution", sphere["resolution"], *on_map),
         *(["--pbrt", args.pbrt] if args.pbrt else []),
     )

@@ -15,6 +15,7 @@ from ..cache import key_of, remembered
 from ..disc import check_resolution, disc_tiles, note_tiles
 from ..float_range import to_float32
 from ..maps.envmap import EnvironmentMap
+from ..names import PIXELS
 from ..opencl import memory
 from ..opencl.device import Device
 from ..opencl.signature import Argument
@@ -26,7 +27,6 @@ ARCS_ROWS = 64  # that are added in single precision; the sum over bands is in d
 ARCS_BYTES = 2**22  # prefix sums of a band of map rows that the image is summed from: about a second-level cache
 # Part of the key of kept images: change it when the camera or a map's orientation changes.
 CONVENTION = "row 0 up, phi from +x to +z, camera along -z"
-PIXELS = ("centres", "areas")
 KERNELS = {"centres": "lighting/exact", "areas": "lighting/exact_areas"}  # that add up the arcs of rows
 
 

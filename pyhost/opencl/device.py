@@ -133,36 +133,52 @@ def open_device(choice: str | None = None) -> Device:
     )
 
 
-def survey() -> str:
-    """All devices: first the one that is taken, alone on its line, then why, then a table of what they do.
+@dataclass(frozen=True)
+class Surveyed:
+    """A device of :func:`survey`: its indices as ``--device`` takes them, and its rates, or why it fails."""
+
+    choice: str
+    description: str
+    is_taken: bool
+    rates: Rates | None
+    failure: str
+
+    @property
+    def note(self) -> str | None:
+        """:attr:`Device.note`."""
+        return self.rates and _slow(self.rates)
+
+    def to_dict(self) -> dict[str, object]:
+        """For JSON, with units in the names."""
+        rates = self.rates and {
+            "multiply_adds_per_second": self.rates.multiply_adds,
+            "copied_bytes_per_second": self.rates.copies,
+            "frame_seconds": self.rates.frame_seconds,
+            "numpy_multiply_adds_per_second": self.rates.numpy,
+        }
+        return {
+            "device": self.choice,
+            "description": self.description,
+            "is_taken": self.is_taken,
+            "failure": self.failure or None,
+            "rates": rates,
+            "note": self.note,
+        }
+
+
+def survey() -> list[Surveyed]:
+    """All devices, one of which is taken.
 
     Devices that failed are tried again. Raises :class:`LightdomeError` as :func:`open_device` does.
     """
     taken = open_device().handle
-    trials = _tried(_candidates(), again=True)
-    asked = os.environ.get("PYOPENCL_CTX")
-    working = sum(trial.rates is not None for trial in trials)
-    why = f"PYOPENCL_CTX={asked} names it" if asked else "the only one" if working == 1 else f"the fastest of {working}"
-    lines = [
-        _description(taken),
-        f"taken (*): {why}",
-        "",
-        f"  {'device':<8}{'multiply-adds':>14}{'copies':>12}{'frame':>10}",
-    ]
-    for trial in trials:
-        candidate, rates = trial.candidate, trial.rates
-        name = f"{'*' if candidate.handle == taken else ' '} {candidate.platform}:{candidate.index}"
-        does = f"  fails: {trial.failure}"
-        if rates:
-            does = (
-                f"{1e-9 * rates.multiply_adds:>10.0f} G/s{1e-9 * rates.copies:>7.0f} GB/s"
-                f"{1e3 * rates.frame_seconds:>7.1f} ms"
-            )
-        lines.append(f"{name:<10}{does}  {_description(candidate.handle)}")
-    for rates in (trial.rates for trial in trials if trial.candidate.handle == taken and trial.rates):
-        lines.append(f"  {'numpy':<8}{1e-9 * rates.numpy:>10.0f} G/s")
-        lines += filter(None, [_slow(rates)])
-    return "\n".join(lines)
+    result = []
+    for trial in _tried(_candidates(), again=True):
+        found = trial.candidate
+        is_taken = found.handle == taken
+        choice = f"{found.platform}:{found.index}"
+        result.append(Surveyed(choice, _description(found.handle), is_taken, trial.rates, trial.failure))
+    return result
 
 
 @dataclass(frozen=True)

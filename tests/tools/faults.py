@@ -150,6 +150,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "stability.py": (*SHOWN, "test_stability.py"),
     "stability_plot.py": (*SHOWN, "test_stability.py"),
     # the commands
+    "commands/exact.py": ("test_exact_command.py",),
     "commands/lights.py": ("test_lights_command.py",),
     "commands/roofline.py": ("test_options.py", *SHOWN),
     "commands/report.py": ("test_options.py", "test_report.py"),
@@ -2357,8 +2358,8 @@ FAULTS: list[Fault] = [
     command(
         "part 3: --exposure ignored",
         "part3_shade.py",
-        "exposure, lines = args.exposure, []",
-        "exposure, lines = None, []",
+        "exposure, lines, names = args.exposure, [], []",
+        "exposure, lines, names = None, [], []",
         "an option ignored",
     ),
     command(
@@ -2386,15 +2387,15 @@ FAULTS: list[Fault] = [
     command(
         "part 4: --albedo ignored",
         "part4_pbrt.py",
-        "render(distribution, args.spp, args.resolution, args.albedo, args.seed)",
-        "render(distribution, args.spp, args.resolution, 1.0, args.seed)",
+        "args.resolution,\n        args.albedo,",
+        "args.resolution,\n        1.0,",
         "an option ignored",
     ),
     command(
         "part 4: --seed ignored",
         "part4_pbrt.py",
-        "render(distribution, args.spp, args.resolution, args.albedo, args.seed)",
-        "render(distribution, args.spp, args.resolution, args.albedo)",
+        "args.albedo,\n        args.seed,",
+        "args.albedo,\n        0,",
         "an option ignored",
     ),
     command(
@@ -2402,6 +2403,27 @@ FAULTS: list[Fault] = [
         "part4_pbrt.py",
         "args.spp, args.resolution, args.albedo, args.seed)\n        print",
         "args.spp, args.resolution, args.albedo)\n        print",
+        "an option ignored",
+    ),
+    command(
+        "part 4: --within ignored",
+        "part4_pbrt.py",
+        "within=args.within,",
+        "within=None,",
+        "an option ignored",
+    ),
+    command(
+        "part 4: PBRT draws in place of an estimator",
+        "part4_pbrt.py",
+        '            args.renderer = "opencl"\n',
+        "            pass\n",
+        "a check removed",
+    ),
+    command(
+        "exact: --pixels ignored",
+        "exact.py",
+        "args.albedo, args.pixels)",
+        'args.albedo, "centres")',
         "an option ignored",
     ),
     command(
