@@ -375,7 +375,8 @@ class _Patches:
     def __init__(self, centres: list[np.ndarray], is_fine: bool) -> None:
         self.centres = centres
         self._is_fine = is_fine
-        self._parts: list[list[tuple[np.ndarray, ...]]] = [[] for _ in centres]
+        # Of pixels that are too large none may be near.
+        self._parts = [[(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))] for _ in centres]
 
     def add(self, theta: np.ndarray, phi: np.ndarray, solid_angle: np.ndarray, radiance: np.ndarray) -> None:
         for centre, parts in zip(self.centres, self._parts, strict=True):
@@ -414,6 +415,7 @@ def _examined(of: _Map) -> tuple[Analysis, Region | None]:
     clipping = _clipping(light, tops, infinite, of.height * of.width)
     sun, region, reason = _sun(light, tops, patches, clipping)
     *percentiles, darkest = light.quantiles.values()
+    maximum = float(np.float32(light.maximum))
     is_lit = light.total > 0
     shares = {n: float(light.top[-n:].sum() / light.total) if is_lit else 0.0 for n in TOPS}
     vector = luminance(light.irradiance[::2] - light.irradiance[1::2])[[1, 0, 2]] / (light.total if is_lit else 1)
@@ -432,8 +434,8 @@ def _examined(of: _Map) -> tuple[Analysis, Region | None]:
         luminance_median_by_solid_angle=percentiles[0],
         luminance_99_percent_by_solid_angle=percentiles[1],
         luminance_99_9_percent_by_solid_angle=percentiles[2],
-        luminance_maximum=float(np.float32(light.maximum)),
-        range_stops=float(np.log2(light.maximum / darkest)) if is_lit else None,
+        luminance_maximum=maximum,
+        range_stops=float(np.log2(maximum / darkest)) if maximum > 0 else None,
         clipping=clipping,
         mean_radiance_rgb=_triple(light.flux / (4 * np.pi)),
         flux_rgb_radiance_sr=_triple(light.flux),

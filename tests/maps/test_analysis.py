@@ -396,3 +396,21 @@ def test_grace(device: Device, grace: EnvironmentMap) -> None:
     assert found.range_stops == pytest.approx(16.1, abs=0.05)
     error = measured(device, grace, 1000, 100)
     assert error == pytest.approx(0.01 * np.sqrt(found.samples_for_1_percent_error / 1000), rel=0.15)
+
+
+@pytest.mark.parametrize("shape", [(1, 3), (3, 1), (130, 2), (2, 200), (33, 64)])
+@pytest.mark.parametrize("spread", [0.1, 5.0, 20.0])
+@pytest.mark.parametrize("scale", [1.0, 1e-42, 1e37])
+def test_maps_of_any_shape_and_scale(shape: tuple[int, int], spread: float, scale: float) -> None:
+    """Warnings are errors here."""
+    light = np.exp(np.random.default_rng(shape[0]).normal(0, spread, (*shape, 3))) * scale
+    radiance = np.minimum(light, 3e38).astype(np.float32)
+    found = analyse(radiance)
+    json.dumps(found.to_dict(), allow_nan=False)
+    assert found.luminance_minimum <= found.luminance_median_by_solid_angle <= found.luminance_maximum
+    assert found.range_stops is None or found.range_stops >= 0
+    if found.sun is not None:
+        split = split_sun(EnvironmentMap(radiance))
+        solid_angle = reference.pixel_solid_angles(*shape)[..., None]
+        flux = (split.sun_map.radiance.astype(np.float64) * solid_angle).sum(axis=(0, 1))
+        assert found.sun.flux_rgb_radiance_sr == pytest.approx(flux, rel=1e-5, abs=1e-6 * flux.max())
