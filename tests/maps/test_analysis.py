@@ -360,6 +360,13 @@ def test_sun_and_rest_are_the_map(azimuth: float, elevation: float, radius: floa
     assert not split.sun_map.radiance[far].any()
 
 
+def test_a_sun_that_hides_the_sky_takes_no_light_that_is_not_there() -> None:
+    hidden = disc(50, 30, 2)[..., None] > 0
+    split = split_sun(EnvironmentMap(np.where(hidden, [900.0, 0.0, 0.0], sky())))
+    assert split.sun_map.radiance.min() == 0
+    assert split.rest.radiance.min() == 0
+
+
 def test_a_map_without_a_sun_is_not_split() -> None:
     with pytest.raises(LightdomeError, match="no sun to split off: nothing small"):
         split_sun(EnvironmentMap(sky(64)))
