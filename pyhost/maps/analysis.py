@@ -148,9 +148,9 @@ class SplitSun:
 
 
 def analyse(
-    source: str | Path | EnvironmentMap | np.ndarray, *, layer: str | None = None, flip: bool = False
+    source: str | Path | ImageRows | EnvironmentMap | np.ndarray, *, layer: str | None = None, flip: bool = False
 ) -> Analysis:
-    """Say what is in a map: a file, which is read in bands, an :class:`EnvironmentMap`, or radiance (H, W, 3).
+    """Say what is in a map: a file or its rows, which are read in bands, a map, or radiance (H, W, 3).
 
     ``layer`` and ``flip`` are those of :func:`lightdome.read_image`. Bad values are counted: see the module.
 
@@ -200,7 +200,7 @@ class _Map:
         if isinstance(source, EnvironmentMap):
             return cls(source.height, source.width, None, source.radiance)
         if not isinstance(source, np.ndarray):
-            rows = ImageRows(source, layer=layer, flip=flip)
+            rows = source if isinstance(source, ImageRows) else ImageRows(source, layer=layer, flip=flip)
             return cls(rows.height, rows.width, rows, None)
         radiance = checks.array("the map", source, ("H", "W", 3), np.float32)
         if 0 in radiance.shape:
