@@ -28,9 +28,9 @@ class Fault:
         object.__setattr__(self, "tests", self.tests or TESTS.get(f"{self.area}/{self.file}") or TESTS[self.file])
 
 
-DRAWS = ("test_sequences.py", "test_distribution.py", "test_launches.py", "test_stability.py")
-SPHERE = ("test_sphere.py", "test_launches.py")
-RENDER = ("test_render.py", "test_devices.py", "test_launches.py")
+DRAWS = ("test_sequences.py", "test_distribution.py", "test_split_work.py", "test_stability.py")
+SPHERE = ("test_sphere.py", "test_split_work.py")
+RENDER = ("test_render.py", "test_device_agreement.py", "test_split_work.py")
 CUT = ("test_median_cut.py",)
 FRESNEL = ("test_fresnel.py",)
 OPTIONS = ("test_options.py", "test_scripts.py", "test_commands.py", "test_settings.py")
@@ -41,7 +41,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     # kernels
     "angle.clh": ("test_angle.py",),
     "arc_sums.cl": SPHERE,
-    "azimuth_sums.cl": ("test_harmonics.py", "test_launches.py"),
+    "azimuth_sums.cl": ("test_harmonics.py", "test_split_work.py"),
     "block_search.clh": DRAWS,
     "cells.cl": RENDER,
     "channels.clh": RENDER,
@@ -54,7 +54,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "exact_areas.cl": SPHERE,
     "guide.cl": DRAWS,
     "guided.clh": DRAWS,
-    "harmonics.cl": ("test_harmonics.py", "test_launches.py"),
+    "harmonics.cl": ("test_harmonics.py", "test_split_work.py"),
     "image_sum.clh": RENDER,
     "light_groups.cl": SPHERE,
     "map_row.clh": ("test_distribution.py",),
@@ -74,7 +74,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "row_cdf.cl": DRAWS,
     "row_sums.cl": CUT,
     "sample_block.clh": DRAWS,
-    "sequence.clh": ("test_sequences.py", "test_distribution.py", "test_launches.py", "test_render.py"),
+    "sequence.clh": ("test_sequences.py", "test_distribution.py", "test_split_work.py", "test_render.py"),
     "shade.cl": SPHERE,
     "within_pixel.clh": ("test_within.py",),
     "shade_tiles.cl": SPHERE,
@@ -82,11 +82,11 @@ TESTS: dict[str, tuple[str, ...]] = {
     "sphere.clh": SPHERE,
     "streams.clh": RENDER,
     # the host
-    "streaming.py": ("test_streaming.py", "test_launches.py"),
-    "distribution.py": ("test_distribution.py", "test_within.py", "test_launches.py", "test_checks.py"),
+    "streaming.py": ("test_streaming.py", "test_split_work.py"),
+    "distribution.py": ("test_distribution.py", "test_within.py", "test_split_work.py", "test_checks.py"),
     "benchmark.py": (*SHOWN, "test_benchmark.py", "test_options.py"),
     "benchmark_plot.py": (*SHOWN, "test_benchmark.py"),
-    "memory.py": ("test_resources.py", "test_distribution.py", "test_device.py"),
+    "memory.py": ("test_resources.py", "test_distribution.py", "test_open_device.py"),
     "cache.py": ("test_cache.py", "test_install.py", "test_resources.py"),
     "checks.py": ("test_checks.py", "test_samples.py", "test_lights.py"),
     "cli.py": ("test_default_map.py", "test_commands.py", "test_options.py", "test_scripts.py", "test_resources.py"),
@@ -97,10 +97,10 @@ TESTS: dict[str, tuple[str, ...]] = {
         "test_scripts.py",
         "test_resources.py",
     ),
-    "device.py": ("test_device.py",),
+    "device.py": ("test_open_device.py",),
     "device_map.py": ("test_distribution.py", "test_sphere.py", "test_stability.py"),
     "disc.py": ("test_sphere.py", "test_render.py"),
-    "draw.py": ("test_distribution.py", "test_launches.py", "test_checks.py"),
+    "draw.py": ("test_distribution.py", "test_split_work.py", "test_checks.py"),
     "envmap.py": ("test_envmap.py", "test_distribution.py"),
     "geometry.py": ("test_envmap.py", "test_distribution.py"),
     "equal_area.py": ("test_pbrt.py",),
@@ -109,11 +109,11 @@ TESTS: dict[str, tuple[str, ...]] = {
     "float_range.py": ("test_sphere.py", "test_stability.py"),
     "equations.py": FRESNEL,
     "plot.py": FRESNEL,
-    "harmonics.py": ("test_harmonics.py", "test_launches.py"),
+    "harmonics.py": ("test_harmonics.py", "test_split_work.py"),
     "horizon.py": SPHERE,
     "images.py": ("test_images.py", "test_streaming.py"),
     "interrupts.py": ("test_interrupted.py::test_the_exit_status_says_which_signal_ended_a_script",),
-    "launch.py": ("test_launch.py", "test_launches.py"),
+    "launch.py": ("test_kernel_arguments.py", "test_split_work.py"),
     "lights.py": ("test_lights.py",),
     "markers.py": ("test_markers.py", "test_scripts.py"),
     "median_cut.py": CUT,
@@ -125,11 +125,11 @@ TESTS: dict[str, tuple[str, ...]] = {
     "peers.py": ("test_peers.py",),
     "pfm.py": ("test_pfm.py",),
     "product.py": RENDER,
-    "profile.py": ("test_launch.py",),
-    "programs.py": ("test_device.py",),
+    "profile.py": ("test_kernel_arguments.py",),
+    "programs.py": ("test_open_device.py",),
     "progress.py": ("test_progress.py",),
     "radiance_hdr.py": ("test_hdr.py",),
-    "rates.py": ("test_device.py",),
+    "rates.py": ("test_open_device.py",),
     "reference.py": ("test_stability.py", "test_sphere.py"),
     "per_pixel.py": RENDER,
     "mitsuba_process.py": ("test_mitsuba_process.py",),
@@ -140,7 +140,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "roofline_plot.py": (*SHOWN, "test_roofline.py"),
     "roofline_stages.py": ("test_roofline.py",),
     "samples.py": ("test_samples.py", "test_within.py", "test_checks.py", "test_sphere.py"),
-    "signature.py": ("test_launch.py",),
+    "signature.py": ("test_kernel_arguments.py",),
     "settings.py": ("test_settings.py", "test_report.py"),
     "exact.py": SPHERE,
     "shade.py": (*SPHERE, "test_within.py"),
@@ -228,7 +228,7 @@ FAULTS: list[Fault] = [
         "counter = {{index, stream, purpose, 0u}}",
         "counter = {{index, 0u, purpose, 0u}}",
         "an argument forgotten",
-        ("test_devices.py", "test_launches.py", "test_render.py"),
+        ("test_device_agreement.py", "test_split_work.py", "test_render.py"),
     ),
     kernel(
         "the upper half of a seed is not in the key",
@@ -356,7 +356,7 @@ FAULTS: list[Fault] = [
         "hashed_block(begin, stream, 2u, seed, across, down);",
         "hashed_block(begin, stream, 0u, seed, across, down);",
         "a copied line",
-        ("test_devices.py", "test_streaming.py"),
+        ("test_device_agreement.py", "test_streaming.py"),
     ),
     # ---- kernels: CDFs ----
     kernel(
@@ -1650,7 +1650,7 @@ FAULTS: list[Fault] = [
         "key = (name, tuple(sorted(defines.items())))",
         "key = (name, ())",
         "a key that leaves something out",
-        ("test_device.py", "test_distribution.py"),
+        ("test_open_device.py", "test_distribution.py"),
     ),
     host(
         "too little memory is not refused",
@@ -1658,6 +1658,14 @@ FAULTS: list[Fault] = [
         "    if size > room:\n",
         "    if size > 8 * room:\n",
         "a check removed",
+    ),
+    host(
+        "memory is refused while kernels are under way",
+        "memory.py",
+        "        device.wait()  # the process may end next",
+        "        # the process may end next",
+        "a wait that seems to serve nobody",
+        ("test_kernel_arguments.py",),
     ),
     host(
         "a file appears before it is complete",

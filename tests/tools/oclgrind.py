@@ -11,7 +11,7 @@ The search for what was never set is for row_cdf, marginal_cdf, guide, choose_ro
 without guides, shade, harmonics, render_light, render_bsdf and render_mis in the shape for a GPU, since that of
 Oclgrind 21.10 cannot follow all vectors: it takes lane 11 of any for never set where the memory was used before, and
 for a lane that does not matter it reads outside its own memory.
-tests/opencl/test_devices.py searches all kernels for it in another way.
+tests/opencl/test_device_agreement.py searches all kernels for it in another way.
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import ImageRows, write_image
 from lightdome.opencl import memory
 from lightdome.opencl.device import Device, open_device
-from lightdome.opencl.memory import DeviceArray
+from lightdome.opencl.programs import Programs
 from lightdome.rendering.per_pixel import ESTIMATORS, render
 from lightdome.rendering.per_pixel import SEQUENCES as RENDER_SEQUENCES
 from lightdome.sampling.distribution import Distribution, build_distribution
@@ -109,50 +109,56 @@ def test_images_are_the_same_to_1e_5(devices: list[Device]) -> None:
 
 
 def test_nothing_depends_on_what_memory_held_before(devices: list[Device], monkeypatch: pytest.MonkeyPatch) -> None:
-    empty = memory.empty
+    make = cl.Buffer
     for device in devices:
         results = []
         for byte in (0, 0xFF):  # as float: 0 and NaN
 
             def filled(
-                device: Device,
-                shape: int | tuple[int, ...],
-                dtype: type,
+                context: cl.Context,
+                flags: int,
+                size: int = 0,
+                hostbuf: np.ndarray | None = None,
+                *,
+                queue: cl.CommandQueue = device.queue,
                 byte: int = byte,
-            ) -> DeviceArray:
-                array = empty(device, shape, dtype)
-                size = math.prod(array.shape) * array.dtype.itemsize
-                cl.enqueue_fill_buffer(device.queue, array.buffer, np.uint8(byte), 0, size)
-                return array
+            ) -> cl.Buffer:
+                """OpenCL's memory, as another program may have left it."""
+                buffer = make(context, flags, size, hostbuf)
+                if flags & cl.mem_flags.READ_WRITE:  # for results; others hold what was uploaded
+                    cl.enqueue_fill_buffer(queue, buffer, np.uint8(byte), 0, buffer.size)
+                return buffer
 
-            monkeypatch.setattr(memory, "empty", filled)
+            monkeypatch.setattr(cl, "Buffer", filled)
             distribution = build_distribution(device, EnvironmentMap(MAPS["stiff"]))
             drawn = [samples_of(distribution, "sobol"), digest(*distribution.sample_pixels(100_000))]
             results.append(drawn + [digest(image) for image in images(distribution).values()])
         assert results[0] == results[1], device.description
 
 
-def test_no_kernel_waits_for_a_compiler_at_another_size(
-    devices: list[Device], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Left to choose a local size, PoCL takes another for nearly every global one and compiles for each."""
-    fetch = Device.kernel
+class GivenLocalSizes(Programs):
+    """Kernels that refuse to choose a local size themselves."""
 
-    def checked(device: Device, name: str, **defines: int) -> Callable[..., cl.Event]:
-        def launch(queue: cl.CommandQueue, size: tuple[int, ...], local: object, /, **arguments: object) -> cl.Event:
+    def kernel(self, name: str, **defines: int) -> Callable[..., cl.Event]:
+        kernel = super().kernel(name, **defines)
+
+        def run(queue: cl.CommandQueue, size: tuple[int, ...], local: object, /, **arguments: object) -> cl.Event:
             assert local is not None, name
-            return fetch(device, name, **defines)(queue, size, local, **arguments)
+            return kernel(queue, size, local, **arguments)
 
-        return launch
+        return run
 
-    monkeypatch.setattr(Device, "kernel", checked)
+
+def test_no_kernel_waits_for_a_compiler_at_another_size(devices: list[Device], tmp_path: Path) -> None:
+    """Left to choose a local size, PoCL takes another for nearly every global one and compiles for each."""
     write_image(tmp_path / "map.pfm", MAPS["stiff"])
     for device in devices:
         if not device.is_gpu:
-            distribution = build_distribution(device, EnvironmentMap(MAPS["stiff"]))
+            checked = replace(device, programs=GivenLocalSizes(device.context, FUSED=int(device.rates.is_fused), CPU=1))
+            distribution = build_distribution(checked, EnvironmentMap(MAPS["stiff"]))
             samples_of(distribution, "sobol")
             images(distribution)
-            sample_file(device, ImageRows(tmp_path / "map.pfm"), [5])
+            sample_file(checked, ImageRows(tmp_path / "map.pfm"), [5])
 
 
 # Recorded once. What draws or computes others breaks every user's files.
