@@ -538,6 +538,19 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
             np.testing.assert_array_equal(samples.pixel, distribution.sample(40, 0, sequence).pixel)
 
 
+@option("--within", "part2_sample")
+def _(world: World, patch: pytest.MonkeyPatch) -> None:
+    for more in ((), ("--samples-only",)):
+        plain, centre, pixel = (
+            Samples.load(world.base("part2_sample", *options, *more).out / "samples_40.npz")
+            for options in ((), ("--within", "centre"), ("--within", "pixel"))
+        )
+        assert (plain.within, centre.within, pixel.within) == ("centre", "centre", "pixel")
+        np.testing.assert_array_equal(centre.direction, plain.direction)
+        np.testing.assert_array_equal(pixel.pixel, plain.pixel)
+        assert (pixel.direction != plain.direction).any(axis=1).all()
+
+
 @option("--marker", "part2_sample")
 def _(world: World, patch: pytest.MonkeyPatch) -> None:
     ran = world.base("part2_sample", "--marker", 3)
