@@ -17,7 +17,8 @@ from lightdome.disc import disc_mask
 from lightdome.errors import LightdomeError
 from lightdome.lighting.exact import exact, exact_kept
 from lightdome.lighting.harmonics import Harmonics, clamped_cosine, project, shade_harmonics
-from lightdome.lighting.lights import Lights, write_csv, write_pbrt
+from lightdome.lighting.light_files import write_csv, write_pbrt
+from lightdome.lighting.lights import Lights
 from lightdome.lighting.median_cut import median_cut, regions
 from lightdome.lighting.shade import shade, shade_samples
 from lightdome.maps.envmap import EnvironmentMap

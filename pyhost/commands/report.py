@@ -110,9 +110,7 @@ def need_all(runs: Runs, args: argparse.Namespace, envmap: EnvironmentMap) -> No
     of_version: dict[str, object] = {"versions": {"lightdome": __version__}}
     of_map = of_version | {"map": {"sha256": settings.map_sum(envmap)}}
     on_device = ["--device", args.device] if args.device else []
-    layer = [f"--layer={args.layer}"] if args.layer is not None else []
-    as_it_is = [*(["--sanitize", args.sanitize] if args.sanitize else []), *(["--flip"] if args.flip else [])]
-    on_map = ["--map", args.map, *layer, *as_it_is, *on_device]
+    on_map = [*cli.map_arguments(args), *on_device]
     quick = ["--quick"] if args.quick else []
     sphere = {"resolution": 255 if args.quick else 511, "albedo": 1.0}
     with_pbrt = {"pbrt": str(args.pbrt)} if args.pbrt else {}

@@ -16,8 +16,10 @@ import numpy as np
 from .. import checks
 from ..errors import LightdomeError
 from ..float_range import LARGEST, LARGEST_HALF
+from .conventions import yaw_between
 from .geometry import row_angles
 from .images import ImageRows, read_image
+from .rotation import rotation_matrix, whole_columns
 
 SANITIZE = ("black", "clamp")
 
@@ -73,15 +75,23 @@ class EnvironmentMap:
 
     @classmethod
     def read(
-        cls, path: str | Path, *, sanitize: bool | str = False, layer: str | None = None, flip: bool = False
+        cls,
+        path: str | Path,
+        *,
+        sanitize: bool | str = False,
+        layer: str | None = None,
+        flip: bool = False,
+        convention: str = "lightdome",
     ) -> EnvironmentMap:
         """Read a PFM, EXR or Radiance HDR file; ``sanitize`` as for the class, but the type is the file's.
 
         Of an EXR file ``layer`` is that of :func:`read_image`.
 
-        With ``flip`` the file's rows are taken in reverse, as where it was written upside down. Raises
+        With ``flip`` the file's rows are taken in reverse, as where it was written upside down. ``convention`` is that
+        of the program for which the file was made, see :mod:`lightdome.maps.conventions`. Raises
         :class:`LightdomeError` where the file cannot be read or holds bad pixels.
         """
+        yaw_between(convention, "lightdome")  # before work that would be for nothing
         inspection = Inspection(sanitize)
         rows = ImageRows(path, layer=layer)
         if inspection.sanitize == "clamp":
@@ -89,7 +99,7 @@ class EnvironmentMap:
         result = object.__new__(cls)
         # Nobody else has what was read: it is not copied.
         result._take(read_image(path, layer, flip), inspection, str(path), rows.notes)
-        return result
+        return result.to_convention("lightdome", from_=convention)
 
     def _take(self, radiance: np.ndarray, inspection: Inspection, name: str, notes: tuple[str, ...] = ()) -> None:
         if 0 in radiance.shape:
@@ -104,6 +114,38 @@ class EnvironmentMap:
         fields = {"radiance": radiance, "peak": inspection.peak, "replaced": replaced, "notes": notes}
         for field, value in fields.items():
             object.__setattr__(self, field, value)
+
+    def rotated(self, yaw: float, pitch: float = 0.0, roll: float = 0.0) -> EnvironmentMap:
+        """The map after the world turned, by angles in degrees: :func:`lightdome.maps.rotation.rotation_matrix`.
+
+        A yaw by whole columns moves the pixels as they are. Every other rotation resamples them and keeps the flux.
+        Raises :class:`LightdomeError` for an angle that is not finite.
+        """
+        matrix = rotation_matrix(yaw, pitch, roll)
+        columns = whole_columns(self.width, matrix)
+        if columns == 0:
+            return self
+        if columns is not None:
+            return self._of_radiance(np.roll(self.radiance, columns, axis=1))
+        raise NotImplementedError
+
+    def mirrored(self) -> EnvironmentMap:
+        """The map with its columns in reverse: light from (x, y, z) comes from (x, y, -z)."""
+        return self._of_radiance(np.ascontiguousarray(self.radiance[:, ::-1]))
+
+    def to_convention(self, name: str, from_: str = "lightdome") -> EnvironmentMap:
+        """The map as ``name`` reads it, to light a scene there as lightdome does with this one.
+
+        ``from_`` is the convention that this map has now. Both are of :mod:`lightdome.maps.conventions`. The pixels
+        stay as they are where the width can be divided by 4, or by 2 for a half turn; else it is :meth:`rotated`.
+        Raises :class:`LightdomeError` for an unknown convention.
+        """
+        return self.rotated(yaw_between(from_, name))
+
+    def _of_radiance(self, radiance: np.ndarray) -> EnvironmentMap:
+        """The same map with other pixels, ours."""
+        peak = float(radiance.max())
+        return checks.made(EnvironmentMap, radiance=radiance, peak=peak, replaced=self.replaced, notes=self.notes)
 
     @cached_property
     def is_grey(self) -> bool:

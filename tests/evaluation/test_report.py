@@ -307,9 +307,9 @@ def test_other_programs_that_are_there_are_measured(
             asked[name] = [str(option) for option in options]
 
     monkeypatch.setattr(mitsuba_process, "find_spec", lambda name: name if there else None)
-    options = argparse.Namespace(
-        map=small_map, layer=None, flip=False, out=tmp_path, device=None, quick=True, sanitize=False, pbrt=None
-    )
+    of_map = {"map": small_map, "layer": None, "sanitize": None, "flip": False}
+    of_map |= {"convention": "lightdome", "mirror": False, "rotate": None}
+    options = argparse.Namespace(**of_map, out=tmp_path, device=None, quick=True, pbrt=None)
     report_command.need_all(Runs(), options, EnvironmentMap.read(small_map))
     assert ("mitsuba" in asked["stability"], "mitsuba" in asked["bench"], "pbrt" in asked["bench"]) == (there,) * 3
     assert "numpy" in asked["bench"]

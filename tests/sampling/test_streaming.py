@@ -208,6 +208,19 @@ def test_flipped_rows_give_the_samples_of_the_flipped_map(
     assert_same(sample_file(device, ImageRows(path, batch, flip=True), [400])[0], flipped)
 
 
+def test_reordered_columns_give_the_samples_of_the_rolled_and_mirrored_map(device: Device, tmp_path: Path) -> None:
+    radiance = stiff_radiance(21, 43)
+    write_image(tmp_path / "map.pfm", radiance)
+    columns = np.roll(np.arange(43), 5)[::-1]
+    image = ImageRows(tmp_path / "map.pfm", 4, flip=True)
+    image.reorder(columns)
+    expected = build_distribution(device, EnvironmentMap(radiance[::-1, columns])).sample(400)
+    assert_same(sample_file(device, image, [400])[0], expected)
+    for wrong in (np.arange(42), np.arange(43) - 1, np.zeros(43), np.arange(43) + 0.5):
+        with pytest.raises(LightdomeError, match=r"^columns must [^\n]*$"):
+            image.reorder(wrong)
+
+
 def test_what_cannot_be_drawn_is_refused(device: Device, tmp_path: Path) -> None:
     path = tmp_path / "black.pfm"
     write_image(path, np.zeros((4, 8, 3), np.float32))
