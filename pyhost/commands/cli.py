@@ -75,19 +75,20 @@ def _data_folder() -> Path:
     return of_script if _is_script() and of_script.is_dir() else Path(__file__).resolve().parents[2] / "data"
 
 
-def map_options(parser: argparse.ArgumentParser) -> None:
+def map_options(parser: argparse.ArgumentParser, positional: bool = False) -> None:
     """Add ``--map`` and how to read it, for :func:`load_map`: the convention is undone first, then it is mirrored, then
     it turns.
 
-    The default is Grace if it is in the folder of :func:`_data_folder`, else the map that ships.
+    The default is Grace if it is in the folder of :func:`_data_folder`, else the map that ships. With ``positional``
+    the map is an argument that must be given.
     """
     data = _data_folder()
     grace = data / "grace_latlong.exr"
     parser.add_argument(
-        "--map",
+        "map" if positional else "--map",
         type=Path,
-        metavar="FILE",
-        default=grace if grace.exists() else data / "default.exr",
+        metavar="MAP" if positional else "FILE",
+        default=None if positional else (grace if grace.exists() else data / "default.exr"),
         help="latitude-longitude environment map: .exr, .hdr or .pfm",
     )
     parser.add_argument(

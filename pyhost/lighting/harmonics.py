@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .. import checks
-from ..disc import check_resolution, disc_tiles
+from ..disc import check_resolution, disc_tiles, note_tiles
 from ..errors import LightdomeError
 from ..float_range import light_exponent, to_float32
 from ..maps.envmap import EnvironmentMap
@@ -32,6 +32,7 @@ from ..sampling.device_map import DeviceMap
 
 MAX_ORDER = 64  # float32 holds p_lm / sin^m(theta) up to about 90
 TERMS_PER_LAUNCH = 2**33  # pixels x coefficients, a second or so
+SEPARATE_CHANNELS = "separate channels", "harmonics of grey maps are computed as those in colour"
 
 
 @dataclass(frozen=True)
@@ -126,6 +127,8 @@ def project(device: Device, envmap: EnvironmentMap | DeviceMap, order: int = 2) 
     of_map = DeviceMap.of(device, envmap)
     order = checks.whole("the order of harmonics", order, 0, MAX_ORDER)
     height, width = of_map.height, of_map.width
+    device.decisions.use(*SEPARATE_CHANNELS)
+    device.decisions.skip(f"harmonics above order {order}", "they were not asked for")
     # m phi_x = pi m (2x + 1) / W, reduced to one turn as an integer.
     turn = np.arange(order + 1)[:, None] * (2 * np.arange(width) + 1) % (2 * width) * (np.pi / width)
     cosine = memory.upload(device, np.cos(turn).astype(np.float32))
@@ -177,6 +180,10 @@ def shade_harmonics(device: Device, harmonics: Harmonics, resolution: int = 511,
     table[:, 2:] *= albedo / np.pi
     pixels = device.vector_width
     tiles = disc_tiles(resolution, pixels, 1)
+    device.decisions.use(*SEPARATE_CHANNELS)
+    if order > 2:
+        device.decisions.skip("odd orders above 1", "the clamped cosine has none")
+    note_tiles(device.decisions, tiles, resolution, pixels, 1)
     tile_buffer = memory.upload(device, tiles)
     exponent = light_exponent(np.abs(table[:, 2:]).sum(axis=0).max())
     table[:, 2:] = np.ldexp(table[:, 2:], -exponent)

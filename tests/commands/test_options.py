@@ -574,6 +574,16 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
             np.testing.assert_array_equal(samples.pixel, distribution.sample(40, 0, sequence).pixel)
 
 
+@option("--within", "part2_sample")
+def _(world: World, patch: pytest.MonkeyPatch) -> None:
+    distribution = build_distribution(world.device, EnvironmentMap(world.radiance["map"]))
+    for within in ("centre", "pixel"):
+        for more in ((), ("--samples-only",)):
+            samples = Samples.load(world.base("part2_sample", "--within", within, *more).out / "samples_40.npz")
+            expected = distribution.sample(40, within=within)
+            np.testing.assert_array_equal(samples.direction, expected.direction)
+
+
 @option("--marker", "part2_sample")
 def _(world: World, patch: pytest.MonkeyPatch) -> None:
     ran = world.base("part2_sample", "--marker", 3)

@@ -180,6 +180,18 @@ def test_truncation_is_the_projection_of_lower_order(device: Device, stiff: Envi
     np.testing.assert_array_equal(harmonics.coefficients, project(device, stiff, 4).coefficients)
 
 
+def test_what_was_used_and_left_out_is_told(device: Device, stiff: EnvironmentMap) -> None:
+    device.decisions.take()
+    harmonics = project(device, stiff, 5)
+    told = {d.what: d.used for d in device.decisions.take()}
+    assert (told["separate channels"], told["harmonics above order 5"]) == (True, False)
+    for order in (2, 5):
+        shade_harmonics(device, harmonics.truncated(order), 33)
+        told = {d.what: d.used for d in device.decisions.take()}
+        assert (told["separate channels"], told["tiles outside the disc"]) == (True, False)
+        assert told.get("odd orders above 1") == (None if order == 2 else False)
+
+
 @pytest.mark.parametrize("power", [-120, 100])
 def test_scaling_the_map_scales_the_coefficients(device: Device, power: int) -> None:
     radiance = np.maximum(stiff_radiance(20, 40), 1e-2)
