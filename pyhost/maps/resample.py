@@ -86,10 +86,11 @@ class _Grid:
         offsets = (np.arange(self.steps) + 0.5) / self.steps
         for first in range(0, height, rows):
             j, i = np.arange(first, min(first + rows, height))[:, None], np.arange(width)
+            pixel = j * width + i if self.owners is None else self.owners[j * width + i]
             for down in offsets:
                 for right in offsets:
                     area = self.projection.density(i + right, j + down, self.shape) / self.steps**2
-                    yield j * width + i, i + right, j + down, area
+                    yield pixel, i + right, j + down, area
 
     def touched(self, x: np.ndarray, y: np.ndarray, side: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Yield the four pixels, or the same again, that squares round (x, y) touch, and the share of each."""
