@@ -148,11 +148,12 @@ class SplitSun:
 
 
 def analyse(
-    source: str | Path | EnvironmentMap | np.ndarray, *, layer: str | None = None, flip: bool = False
+    source: str | Path | ImageRows | EnvironmentMap | np.ndarray, *, layer: str | None = None, flip: bool = False
 ) -> Analysis:
     """Say what is in a map: a file, which is read in bands, an :class:`EnvironmentMap`, or radiance (H, W, 3).
 
-    ``layer`` and ``flip`` are those of :func:`lightdome.read_image`. Bad values are counted: see the module.
+    ``layer`` and ``flip`` are those of :func:`lightdome.read_image`; a file that is given as
+    :class:`lightdome.ImageRows` has its own. Bad values are counted: see the module.
 
     The number of samples is for the image of the sphere that :func:`lightdome.shade_samples` makes from ``independent``
     samples: with the one-sample estimate X = max(0, n . w) (L / I) Phi of the irradiance E, the relative RMSE of N
@@ -200,7 +201,7 @@ class _Map:
         if isinstance(source, EnvironmentMap):
             return cls(source.height, source.width, None, source.radiance)
         if not isinstance(source, np.ndarray):
-            rows = ImageRows(source, layer=layer, flip=flip)
+            rows = source if isinstance(source, ImageRows) else ImageRows(source, layer=layer, flip=flip)
             return cls(rows.height, rows.width, rows, None)
         radiance = checks.array("the map", source, ("H", "W", 3), np.float32)
         if 0 in radiance.shape:
