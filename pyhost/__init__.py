@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from .maps.default_map import default_map
     from .maps.envmap import EnvironmentMap
     from .maps.images import ImageRows, auto_exposure, read_image, tone_map, write_image
+    from .maps.pictures import show
     from .opencl.device import Device, open_device
     from .sampling.distribution import Distribution, build_distribution
     from .sampling.samples import Samples
@@ -81,6 +82,7 @@ _HOME = {
     "read_image": "maps.images",
     "tone_map": "maps.images",
     "write_image": "maps.images",
+    "show": "maps.pictures",
     "Lights": "lighting.lights",
     "write_csv": "lighting.light_files",
     "write_lights": "lighting.light_files",
@@ -115,6 +117,7 @@ __all__ = [
     "shade",
     "shade_harmonics",
     "shade_samples",
+    "show",
     "tone_map",
     "write_csv",
     "write_image",
@@ -140,4 +143,5 @@ if not TYPE_CHECKING:  # or a type checker would take it for the type of every n
 def __dir__() -> list[str]:
     from pkgutil import iter_modules
 
-    return sorted({*__all__, *(module.name for module in iter_modules(__path__))})
+    modules = {module.name for module in iter_modules(__path__)} - {"__main__"}
+    return sorted({*__all__, *modules})

@@ -198,6 +198,13 @@ def lights(direction: object, flux: object, own: bool = False) -> tuple[np.ndarr
     return direction, flux
 
 
+def same(one: object, other: object) -> bool:
+    """Whether two objects have the same type and equal attributes, arrays by what they hold."""
+    return type(one) is type(other) and all(
+        np.array_equal(value, vars(other)[name]) for name, value in vars(one).items()
+    )
+
+
 def made(kind: type[T], **values: object) -> T:
     """A frozen dataclass of values that are our own and right: arrays are not copied, only made read-only."""
     result = object.__new__(kind)

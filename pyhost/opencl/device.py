@@ -56,6 +56,9 @@ class Device:
     profile: Profile = field(default_factory=Profile)
     decisions: Decisions = field(default_factory=Decisions)
 
+    def __repr__(self) -> str:
+        return f"<Device: {self.description}, {1e-9 * self.rates.multiply_adds:.0f} G multiply-adds a second>"
+
     @property
     def description(self) -> str:
         """The device's and its implementation's name, for people."""

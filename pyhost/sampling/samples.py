@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import NamedTuple, overload
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from .. import __version__, checks
 from ..errors import LightdomeError, one_line
 from ..files import replacing
 from ..maps.geometry import column_angles, directions, row_angles, solid_angles
+from ..maps.pictures import show_directions
 from ..names import SEQUENCES as SEQUENCES
 from ..names import WITHIN
 
@@ -24,7 +26,16 @@ MAX_INFLATION = 64  # `save` packs nothing; what others packed is far from this,
 MAX_SIDE = 2**20  # of a map
 
 
-@dataclass(frozen=True)
+class Sample(NamedTuple):
+    """One of :class:`Samples`: ``direction`` and ``radiance`` (3,), ``probability``, and ``pixel`` (x, y)."""
+
+    direction: np.ndarray
+    radiance: np.ndarray
+    probability: float
+    pixel: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Samples:
     """N samples of an environment map of ``map_shape`` = (H, W).
 
@@ -37,6 +48,10 @@ class Samples:
 
     The arrays are read-only. ``Samples(...)`` copies them and raises :class:`LightdomeError` where they contradict
     each other.
+
+    ``samples[3]`` is a :class:`Sample`, and iteration yields them. ``samples[:64]``, or an array of indices or of
+    truth values, gives Samples: N is now 64, and so :attr:`flux` is that of a set of 64, while ``sequence`` and
+    ``seed`` stay those of the whole. Samples are equal where all of their content is; they cannot be hashed.
     """
 
     direction: np.ndarray
@@ -74,6 +89,32 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.probability)
+
+    @overload
+    def __getitem__(self, index: int) -> Sample: ...
+    @overload
+    def __getitem__(self, index: slice | np.ndarray) -> Samples: ...
+    def __getitem__(self, index: int | slice | np.ndarray) -> Sample | Samples:
+        if not isinstance(index, slice | np.ndarray):
+            probability = float(self.probability[index])
+            return Sample(self.direction[index], self.radiance[index], probability, self.pixel[index])
+        parts = {name: np.ascontiguousarray(getattr(self, name)[index]) for name in Sample._fields}
+        if len(parts["probability"]) == 0:
+            raise LightdomeError(f"a set of samples must hold one or more, got none of {len(self)}")
+        return checks.made(Samples, **{**vars(self), **parts})
+
+    def __iter__(self) -> Iterator[Sample]:
+        return (self[n] for n in range(len(self)))
+
+    def __eq__(self, other: object) -> bool:
+        return checks.same(self, other)
+
+    def __repr__(self) -> str:
+        height, width = self.map_shape
+        return f"<Samples: {len(self)} of a {width} x {height} map, {self.sequence}, seed {self.seed}, {self.within}>"
+
+    def _repr_png_(self) -> bytes:
+        return show_directions(self.direction, self.radiance)._repr_png_()
 
     @property
     def density(self) -> np.ndarray:
