@@ -7,7 +7,8 @@ from importlib import import_module
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
-    from .analysis import analyse, split_sun  # noqa: F401
+    from .analysis import analyse as analyse
+    from .analysis import split_sun as split_sun
 else:
 
     def __getattr__(name: str) -> object:
