@@ -143,8 +143,7 @@ def main() -> None:
     for spp, image in images:
         names += cli.write_images(args, out / f"sphere_{spp}spp", image)
         done[spp] = image
-        where = deviation(image, envmap, args.albedo) if program else None
-        if where:
+        if program and (where := deviation(image, envmap, args.albedo)):
             print(
                 f"note: {program.name}'s image of {spp} spp differs from the sphere under this map: {where}",
                 file=sys.stderr,

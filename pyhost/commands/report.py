@@ -8,7 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .. import __version__
 from . import cli
@@ -27,7 +27,7 @@ class Runs:
         self.out = out
         self._run = run or run_command
         self.folders: dict[str, Path] = {}
-        self.settings: dict[str, dict] = {}
+        self.settings: dict[str, dict[str, Any]] = {}
 
     def need(self, name: str, command: str, record: str, wanted: Mapping[str, object], *options: object) -> None:
         """Find the results ``name`` whose settings are as ``wanted``, or run ``command`` with ``options`` for them."""

@@ -6,7 +6,7 @@ The conventions of camera and image are those of :mod:`lightdome.lighting.shade`
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from ..maps.envmap import EnvironmentMap
 from ..names import PIXELS
 from ..opencl import memory
 from ..opencl.device import Device
-from ..opencl.signature import Argument
 from ..progress import Progress
 from ..sampling.device_map import DeviceMap
 from .horizon import LEAST_SHAPE, area_moments, horizon_tables
@@ -108,7 +107,7 @@ def exact(
                 first=first,
                 arcs=arcs,
             )
-            of_rows: dict[str, Argument]
+            of_rows: dict[str, Any]
             if half_arc is None:
                 tables = horizon_tables(resolution, height, width, first, count)
                 bounds, start, polynomials = (memory.upload(device, table) for table in tables)

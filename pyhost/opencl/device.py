@@ -149,7 +149,7 @@ class Surveyed:
     @property
     def note(self) -> str | None:
         """:attr:`Device.note`."""
-        return self.rates and _slow(self.rates)
+        return _slow(self.rates) if self.rates else None
 
     def to_dict(self) -> dict[str, object]:
         """For JSON, with units in the names."""

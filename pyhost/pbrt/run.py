@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import io
 import logging
 import os
 import re
@@ -24,7 +25,6 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 
@@ -228,8 +228,8 @@ def render_scene(
         if code != 0:
             raise LightdomeError(f"{pbrt} {_ending(code)}; it said: {_gist(text)}; {by_hand}")
         lines = _lines(text)
-        if error := next((line for line in lines if _ERROR.search(line)), None):
-            raise LightdomeError(f"{pbrt} exited with status 0 but reported an error: {_short(error)}; {by_hand}")
+        if wrong := next((line for line in lines if _ERROR.search(line)), None):
+            raise LightdomeError(f"{pbrt} exited with status 0 but reported an error: {_short(wrong)}; {by_hand}")
         for warning in dict.fromkeys(line for line in lines if _WARNING.search(line)):
             _log.warning("note: %s says: %s", pbrt.name, _short(warning))
         if not target.exists():
@@ -337,7 +337,7 @@ def _run(
         return process.returncode, _COLOUR.sub("", text)
 
 
-def _collect(stream: BinaryIO, output: bytearray) -> None:
+def _collect(stream: io.BufferedReader, output: bytearray) -> None:
     with contextlib.suppress(OSError, ValueError), stream:
         while chunk := stream.read1(4096):
             output += chunk
@@ -357,7 +357,7 @@ def _fraction_done(output: bytearray) -> float | None:
     return len(bars[-1][0]) / sum(map(len, bars[-1])) if bars else None
 
 
-def kill_session(process: subprocess.Popen) -> None:
+def kill_session(process: subprocess.Popen[bytes] | subprocess.Popen[str]) -> None:
     """End ``process``, which was started in a session of its own, and all that it started."""
     if process.poll() is not None:
         return

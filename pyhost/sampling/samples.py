@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import NamedTuple, overload
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 
@@ -138,7 +138,7 @@ class Samples:
         Raises :class:`LightdomeError` where it cannot be written, and for more than 2^27, which :meth:`load` refuses.
         """
         check_count(len(self))
-        arrays = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
+        arrays: dict[str, Any] = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
         arrays["map_shape"] = np.asarray(self.map_shape, dtype=np.int32)
         arrays["seed"] = np.asarray(self.seed, dtype=np.uint64)
         with replacing(checks.path(path)) as temporary:
@@ -179,9 +179,9 @@ _KINDS = {
 }
 
 
-def _arrays(path: Path) -> dict[str, object]:
+def _arrays(path: Path) -> dict[str, Any]:
     """The arrays of an ``.npz``, each after a look at its header, so that no lie there costs memory."""
-    arrays: dict[str, object] = {}
+    arrays: dict[str, Any] = {}
     with _parsing(path):
         room = MAX_INFLATION * path.stat().st_size
         if not path.is_file():  # a pipe would be waited for

@@ -1726,8 +1726,8 @@ FAULTS: list[Fault] = [
     command(
         "part 4: a wrong image is not told",
         "part4_pbrt.py",
-        "        if where:\n",
-        "        if False:\n",
+        "if program and (where := deviation(image, envmap, args.albedo)):",
+        'if program and (where := ""):',
         "a note left out",
     ),
     host(
