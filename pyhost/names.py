@@ -7,6 +7,17 @@ from typing import Literal
 
 SEQUENCES = ("independent", "stratified", "sobol", "r2")  # points of samples that all pixels share
 PIXEL_SEQUENCES = ("independent", "sobol")  # points of samples for every pixel
+PROJECTIONS = (
+    "latlong",
+    "angular",
+    "mirror",
+    "cube-cross",
+    "cube-cross-horizontal",
+    "cube-strip",
+    "cube-strip-horizontal",
+    "cube-openexr",
+    "octahedral",
+)  # of maps, see lightdome.maps.projections
 
 
 @dataclass(frozen=True)
@@ -22,6 +33,7 @@ COMMANDS = {
     "sample": Command("part2_sample", "draw light samples from a map, and show where they fall"),
     "shade": Command("part3_shade", "shade a sphere with samples that all pixels share"),
     "render": Command("part4_pbrt", "render the sphere with fresh samples for every pixel"),
+    "convert": Command("convert", "write a map in another projection"),
     "fresnel": Command("part1_fresnel", "plot the Fresnel reflectance of a dielectric"),
     "bench": Command("bench", "measure the error of each method against its run time"),
     "roofline": Command("roofline", "measure each stage against what the machine can do"),

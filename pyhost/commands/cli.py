@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import LightdomeError, exactly
 from ..files import utf8_name
-from ..names import COMMANDS
+from ..names import COMMANDS, PROJECTIONS
 
 if TYPE_CHECKING:
     from ..decisions import Decision
@@ -74,7 +74,7 @@ def _data_folder() -> Path:
 
 
 def map_options(parser: argparse.ArgumentParser) -> None:
-    """Add ``--map``, ``--layer``, ``--sanitize`` and ``--flip``, for :func:`load_map`.
+    """Add ``--map`` and the options of :func:`reading_options`, for :func:`load_map`.
 
     The default is Grace if it is in the folder of :func:`_data_folder`, else the map that ships.
     """
@@ -85,7 +85,17 @@ def map_options(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE",
         default=grace if grace.exists() else data / "default.exr",
-        help="latitude-longitude environment map: .exr, .hdr or .pfm",
+        help="environment map: .exr, .hdr or .pfm",
+    )
+    reading_options(parser)
+
+
+def reading_options(parser: argparse.ArgumentParser) -> None:
+    """Add ``--projection``, ``--layer``, ``--sanitize`` and ``--flip``."""
+    parser.add_argument(
+        "--projection",
+        choices=list(PROJECTIONS),
+        help="how the map lies in its file (default: what the file's header, sides and black corners say)",
     )
     parser.add_argument(
         "--layer",
@@ -114,7 +124,9 @@ def load_map(args: argparse.Namespace) -> EnvironmentMap:
     """The map that the options of :func:`map_options` name; remarks on it go to standard error."""
     from ..maps.envmap import EnvironmentMap  # only here: a script without a map needs no image library
 
-    envmap = EnvironmentMap.read(args.map, sanitize=args.sanitize, layer=args.layer, flip=args.flip)
+    envmap = EnvironmentMap.read(
+        args.map, sanitize=args.sanitize, layer=args.layer, flip=args.flip, projection=args.projection
+    )
     for note in (*envmap.notes, envmap.shape_note, envmap.replaced and envmap.replaced.note):
         if note:
             print(note, file=sys.stderr)

@@ -97,6 +97,7 @@ def make(args: argparse.Namespace) -> None:
     on_device = ["--device", args.device] if args.device else []
     layer = [f"--layer={args.layer}"] if args.layer is not None else []
     as_it_is = [*(["--sanitize", args.sanitize] if args.sanitize else []), *(["--flip"] if args.flip else [])]
+    as_it_is += ["--projection", args.projection] if args.projection else []
     on_map = ["--map", args.map, *layer, *as_it_is, *on_device]
     quick = ["--quick"] if args.quick else []
     sphere = {"resolution": 255 if args.quick else 511, "albedo": 1.0}

@@ -1,1 +1,3 @@
-"""An environment map on the host: image files, the map and the geometry of its pixels."""
+"""An environment map on the host: image files, its checked radiance, where its pixels lie, and its projections."""
+
+from .conversion import convert as convert

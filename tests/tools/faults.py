@@ -104,6 +104,10 @@ TESTS: dict[str, tuple[str, ...]] = {
     "geometry.py": ("test_envmap.py", "test_distribution.py"),
     "equal_area.py": ("test_pbrt.py",),
     "exr.py": ("test_exr.py",),
+    "convert.py": ("test_convert.py",),
+    "conversion.py": ("test_projections.py",),
+    "projections.py": ("test_projections.py", "test_resample.py"),
+    "resample.py": ("test_resample.py",),
     "files.py": ("test_resources.py",),
     "float_range.py": ("test_sphere.py", "test_stability.py"),
     "equations.py": FRESNEL,
@@ -1637,13 +1641,14 @@ FAULTS: list[Fault] = [
         "an order of preference",
     ),
     command(
-        "--flip is ignored", "cli.py", "layer=args.layer, flip=args.flip)", "layer=args.layer)", "an option ignored"
+        "--flip is ignored", "cli.py", "layer=args.layer, flip=args.flip,", "layer=args.layer,", "an option ignored"
     ),
+    command("--projection is ignored", "cli.py", ", projection=args.projection", "", "an option ignored"),
     command(
         "--layer is ignored",
         "cli.py",
-        "layer=args.layer, flip=args.flip)",
-        "flip=args.flip)",
+        "layer=args.layer, flip=args.flip,",
+        "flip=args.flip,",
         "an option ignored",
         ("test_exr.py",),
     ),
