@@ -25,11 +25,11 @@ import _start  # noqa: F401 - first, so that Ctrl-C is handled and .venv is foun
 # isort: split
 import argparse
 import math
-import tempfile
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -120,21 +120,21 @@ def rose_glass(v: Array, y: Array) -> Array:
     return np.maximum(np.maximum(eye, petal), 0.31 - length(a - 2.27, b))
 
 
-@dataclass(frozen=True)
-class Parts:
-    """Distances to the kinds of surface, positive in air; a point lies on the nearest."""
-
-    shell: Array  # walls, floor, vault webs, glass
-    ribs: Array  # ribs and shafts
-    wood: Array  # pews, door
-    cloth: Array  # altar
-    metal: Array  # chains, candlesticks
-    lamp: Array
-    flame: Array
+# Kinds of surface: walls, floor, vault webs, glass; ribs and shafts; pews and door; altar; chains and candlesticks.
+SHELL, RIBS, WOOD, CLOTH, METAL, LAMP, FLAME = range(7)
 
 
-def parts(u: Array, v: Array, y: Array) -> Parts:
-    """Distances to all parts of the chapel."""
+def refined(bound: Array, exact: Callable[[Array], Array], base: Array | None = None) -> Array:
+    """``base``, else ``bound`` itself; but ``exact`` of the indices where that lower bound of a distance is small."""
+    result = np.array(bound if base is None else base)
+    close = np.flatnonzero(bound < 0.3)
+    if close.size:
+        result[..., close] = exact(close)
+    return result
+
+
+def parts(u: Array, v: Array, y: Array) -> list[Array]:
+    """Lower bounds of the distances to each kind of surface, positive in air; a point lies on the nearest."""
     av = np.abs(v)
     s = np.abs(u - (EAST - BAY / 2 - BAY * bay_of(u)))
     rise = np.maximum(y - SPRING, 0)
@@ -161,15 +161,9 @@ def parts(u: Array, v: Array, y: Array) -> Parts:
         air = np.maximum(air, np.minimum(rose_glass(v_, y_), d + DEPTH))
         return np.maximum(air, np.minimum(lancet(v_, y_, 1.25, FLOOR - 1, 0.1), d + 0.3))
 
-    shell = np.array(room)
-    close = np.flatnonzero(inner < 0.3)
-    if close.size:
-        shell[close] = side_wall(close)
-    for ahead, wall in ((EAST - u, east_wall), (u - WEST, west_wall)):
-        close = np.flatnonzero(ahead < 0.3)
-        if close.size:
-            ahead[close] = wall(close)
-        shell = np.minimum(shell, ahead)
+    shell = refined(inner, side_wall, room)
+    shell = np.minimum(shell, refined(EAST - u, east_wall))
+    shell = np.minimum(shell, refined(u - WEST, west_wall))
     step = np.maximum(EAST - 2.6 - u, y - FLOOR - 0.18)
     shell = np.minimum(np.minimum(shell, y - FLOOR), step)
 
@@ -189,44 +183,34 @@ def parts(u: Array, v: Array, y: Array) -> Parts:
         end = box(row + 0.08, np.abs(a) - 1.15, y_ - 0.4, (0.26, 0.04, 0.45))
         return np.minimum(np.minimum(seat, back), end)
 
-    wood = np.array(y - FLOOR - 0.94)
-    close = np.flatnonzero(wood < 0.3)
-    if close.size:
-        wood[close] = pews(close)
-    ahead = u - WEST + 0.26
-    close = np.flatnonzero(ahead < 0.3)
-    if close.size:
-        ahead[close] = np.maximum(-lancet(v[close], y[close], 1.25, FLOOR - 1, 0.1), ahead[close])
-    wood = np.minimum(wood, ahead)
+    def door(k: Array) -> Array:
+        return np.maximum(-lancet(v[k], y[k], 1.25, FLOOR - 1, 0.1), u[k] - WEST + 0.26)
 
-    altar = np.maximum(5.75 - u, y - 0.25)
-    flame, sticks = np.array(altar), np.array(altar)
-    close = np.flatnonzero(altar < 0.3)
-    if close.size:
-        u_, v_, y_, a = u[close], v[close], y[close], av[close]
-        altar[close] = box(u_ - 6.2, v_, y_ - FLOOR - 0.6, (0.45, 1.3, 0.55))
+    def altar(k: Array) -> Array:
+        u_, v_, y_, a = u[k], v[k], y[k], av[k]
+        cloth = box(u_ - 6.2, v_, y_ - FLOOR - 0.6, (0.45, 1.3, 0.55))
         stick = length(u_ - 6.2, np.abs(np.abs(a - 0.7) - 0.3))  # candles at v = 0.4 and 1.0
         tall = 0.22 * np.floor(a / 0.7)
-        sticks[close] = np.maximum(stick - 0.035, np.abs(y_ + 0.45) - 0.42 + tall)
-        flame[close] = np.sqrt(stick * stick + 0.25 * (y_ - 0.06 + tall) ** 2) - 0.036
+        metal = np.maximum(stick - 0.035, np.abs(y_ + 0.45) - 0.42 + tall)
+        return np.stack([cloth, metal, np.sqrt(stick * stick + 0.25 * (y_ - 0.06 + tall) ** 2) - 0.036])
 
-    lamp = 1.9 - y
-    metal = np.array(lamp)
-    close = np.flatnonzero(lamp < 0.3)
-    if close.size:
-        y_ = y[close]
-        hang = length(s[close] - BAY / 2 + 0.3, av[close] - 2.2)
-        lamp[close] = np.sqrt(hang**2 + 0.6 * (y_ - 2.1) ** 2) - LAMP_SIZE
+    def lamps(k: Array) -> Array:
+        y_ = y[k]
+        hang = length(s[k] - BAY / 2 + 0.3, av[k] - 2.2)
         cap = np.maximum(hang - 0.11, np.abs(y_ - 2.23) - 0.02)
-        metal[close] = np.minimum(np.maximum(hang - 0.012, 2.25 - y_), cap)
-    return Parts(shell, ribs, wood, altar, np.minimum(metal, sticks), lamp, flame)
+        metal = np.minimum(np.maximum(hang - 0.012, 2.25 - y_), cap)
+        return np.stack([metal, np.sqrt(hang**2 + 0.6 * (y_ - 2.1) ** 2) - LAMP_SIZE])
+
+    wood = np.minimum(refined(y - FLOOR - 0.94, pews), refined(u - WEST + 0.26, door))
+    at_altar, under_vault = np.maximum(5.75 - u, y - 0.25), 1.9 - y
+    cloth, sticks, flame = refined(at_altar, altar, np.stack([at_altar] * 3))
+    chains, lamp = refined(under_vault, lamps, np.stack([under_vault] * 2))
+    return [shell, ribs, wood, cloth, np.minimum(chains, sticks), lamp, flame]
 
 
 def distance(u: Array, v: Array, y: Array) -> Array:
     """A lower bound of the distance to the nearest surface."""
-    p = parts(u, v, y)
-    first = np.minimum(np.minimum(p.shell, p.ribs), np.minimum(p.wood, p.cloth))
-    return np.minimum(first, np.minimum(np.minimum(p.metal, p.lamp), p.flame))
+    return reduce(np.minimum, parts(u, v, y))
 
 
 def march(origin: Array, ray: Array, start: Array | None = None, cone: float = 0.0) -> Array:
@@ -562,74 +546,62 @@ def webs(where: Array) -> Array:
     return np.where(star, np.array([[0.75], [0.50], [0.14]]), np.array([[0.045], [0.075], [0.20]]))
 
 
-@dataclass(frozen=True)
-class Chapel:
-    """All sources of light, direct and bounced."""
+def radiance(
+    patches: Sequence[Patch], origin: Array, ray: Array, start: Array | None = None, bounces: int = 1
+) -> Array:
+    """Radiance (3, n) that arrives at ``origin`` (3, n) against ``ray`` (3, n), in (u, v, y), lit by ``patches``.
 
-    patches: list[Patch]
+    The first ``start`` (n,) metres of the rays are known to be clear.
+    """
+    where = origin + march(origin, ray, start) * ray
+    u, v, y = where
+    kind = np.argmin(parts(u, v, y), axis=0)
+    result = np.zeros_like(where)
 
-    @classmethod
-    def lit(cls) -> "Chapel":
-        """The chapel with its light."""
-        direct = sources()
-        return cls(direct + bounced(direct))
+    bay = bay_of(u)
+    s = u - (EAST - BAY / 2 - BAY * bay)
+    at_side = (kind == SHELL) & (np.abs(v) > HALF_WIDTH + DEPTH - 0.05) & (side_glass(s, y) > 0.01)
+    at_east = (kind == SHELL) & (u > EAST + DEPTH - 0.05) & (east_glass(v, y) > 0.01)
+    at_rose = (kind == SHELL) & (u < WEST - DEPTH + 0.05) & (rose_glass(v, y) > 0.01)
+    for chosen, light in (
+        (at_side, lambda m: side_light(s[m], y[m], v[m] > 0, bay[m])),
+        (at_east, lambda m: east_light(v[m], y[m], ray[:, m])),
+        (at_rose, lambda m: rose_light(v[m], y[m])),
+        (kind == LAMP, lambda m: LAMP_RADIANCE[:, None] * np.ones(np.count_nonzero(m))),
+        (kind == FLAME, lambda m: FLAME_RADIANCE[:, None] * np.ones(np.count_nonzero(m))),
+    ):
+        if chosen.any():
+            result[:, chosen] = light(chosen)
 
-    def radiance(self, origin: Array, ray: Array, start: Array | None = None, bounces: int = 1) -> Array:
-        """Radiance (3, n) that arrives at ``origin`` (3, n) against ``ray`` (3, n), in (u, v, y).
-
-        The first ``start`` (n,) metres of the rays are known to be clear.
-        """
-        where = origin + march(origin, ray, start) * ray
-        u, v, y = where
-        kinds = parts(u, v, y)
-        stack = np.stack([kinds.shell, kinds.ribs, kinds.wood, kinds.cloth, kinds.metal, kinds.lamp, kinds.flame])
-        kind = np.argmin(stack, axis=0)
-        result = np.zeros_like(where)
-
-        bay = bay_of(u)
-        s = u - (EAST - BAY / 2 - BAY * bay)
-        at_side = (kind == 0) & (np.abs(v) > HALF_WIDTH + DEPTH - 0.05) & (side_glass(s, y) > 0.01)
-        at_east = (kind == 0) & (u > EAST + DEPTH - 0.05) & (east_glass(v, y) > 0.01)
-        at_rose = (kind == 0) & (u < WEST - DEPTH + 0.05) & (rose_glass(v, y) > 0.01)
-        for chosen, light in (
-            (at_side, lambda m: side_light(s[m], y[m], v[m] > 0, bay[m])),
-            (at_east, lambda m: east_light(v[m], y[m], ray[:, m])),
-            (at_rose, lambda m: rose_light(v[m], y[m])),
-            (kind == 5, lambda m: LAMP_RADIANCE[:, None] * np.ones(np.count_nonzero(m))),
-            (kind == 6, lambda m: FLAME_RADIANCE[:, None] * np.ones(np.count_nonzero(m))),
-        ):
-            if chosen.any():
-                result[:, chosen] = light(chosen)
-
-        solid = np.flatnonzero(~(at_side | at_east | at_rose | (kind >= 5)))
-        if solid.size == 0:
-            return result
-        p, kind, seen = where[:, solid], kind[solid], ray[:, solid]
-        normal = normals(p)
-        albedo = stone(p, normal)
-        on_floor = (kind == 0) & (normal[2] > 0.9) & (p[2] < FLOOR + 0.3)
-        on_web = (kind == 0) & (p[2] > SPRING) & (normal[2] < -0.02)
-        albedo = np.where(on_floor, tiles(p), albedo)
-        albedo = np.where(on_web, webs(p), albedo)
-        rib = STONE[:, None] * np.where(p[2] > SPRING, 1.25, 1.05)
-        albedo = np.where(kind == 1, rib, albedo)
-        albedo = np.where(kind == 2, np.array([[0.105], [0.058], [0.030]]), albedo)
-        albedo = np.where(kind == 3, np.array([[0.42], [0.40], [0.36]]), albedo)
-        albedo = np.where(kind == 4, np.array([[0.22], [0.14], [0.05]]), albedo)
-        lifted = p + 0.02 * normal
-        light = irradiance(lifted, normal, self.patches) * openness(p, normal) + sunbeam(p, normal)
-        shade = albedo * (light + 0.003) / math.pi
-
-        if bounces > 0 and on_floor.any():
-            m = np.flatnonzero(on_floor)
-            n, d = normal[:, m], seen[:, m]
-            cosine = np.clip(-(n[0] * d[0] + n[1] * d[1] + n[2] * d[2]), 0, 1)
-            x = 1 - cosine
-            fresnel = 0.035 + 0.5 * x * x * x * x * x
-            mirror = d + 2 * cosine * n
-            shade[:, m] += fresnel * np.minimum(self.radiance(lifted[:, m], mirror, bounces=bounces - 1), 30.0)
-        result[:, solid] = shade
+    solid = np.flatnonzero(~(at_side | at_east | at_rose | (kind >= LAMP)))
+    if solid.size == 0:
         return result
+    p, kind, seen = where[:, solid], kind[solid], ray[:, solid]
+    normal = normals(p)
+    albedo = stone(p, normal)
+    on_floor = (kind == SHELL) & (normal[2] > 0.9) & (p[2] < FLOOR + 0.3)
+    on_web = (kind == SHELL) & (p[2] > SPRING) & (normal[2] < -0.02)
+    albedo = np.where(on_floor, tiles(p), albedo)
+    albedo = np.where(on_web, webs(p), albedo)
+    rib = STONE[:, None] * np.where(p[2] > SPRING, 1.25, 1.05)
+    albedo = np.where(kind == RIBS, rib, albedo)
+    albedo = np.where(kind == WOOD, np.array([[0.105], [0.058], [0.030]]), albedo)
+    albedo = np.where(kind == CLOTH, np.array([[0.42], [0.40], [0.36]]), albedo)
+    albedo = np.where(kind == METAL, np.array([[0.22], [0.14], [0.05]]), albedo)
+    lifted = p + 0.02 * normal
+    light = irradiance(lifted, normal, patches) * openness(p, normal) + sunbeam(p, normal)
+    shade = albedo * (light + 0.003) / math.pi
+
+    if bounces > 0 and on_floor.any():
+        m = np.flatnonzero(on_floor)
+        n, d = normal[:, m], seen[:, m]
+        cosine = np.clip(-(n[0] * d[0] + n[1] * d[1] + n[2] * d[2]), 0, 1)
+        x = 1 - cosine
+        fresnel = 0.035 + 0.5 * x * x * x * x * x
+        mirror = d + 2 * cosine * n
+        shade[:, m] += fresnel * np.minimum(radiance(patches, lifted[:, m], mirror, bounces=bounces - 1), 30.0)
+    result[:, solid] = shade
+    return result
 
 
 def rays(rows: Array, columns: Array) -> Array:
@@ -649,9 +621,10 @@ def rays(rows: Array, columns: Array) -> Array:
     return np.stack([(z - x) * math.sqrt(0.5), (x + z) * math.sqrt(0.5), np.repeat(cos_theta, columns.size)])
 
 
-def render_rows(rows: Sequence[int], chapel: Chapel | None = None) -> NDArray[np.float16]:
+def render_rows(rows: Sequence[int]) -> NDArray[np.float16]:
     """Rows of the map, (len(rows), WIDTH, 3): the mean of ``SUPERSAMPLES`` squared rays a pixel."""
-    chapel = chapel or Chapel.lit()
+    direct = sources()
+    patches = direct + bounced(direct)
     n = SUPERSAMPLES
     result = np.empty((len(rows), WIDTH, 3), np.float16)
     sub = (np.arange(n) + 0.5) / n
@@ -661,12 +634,9 @@ def render_rows(rows: Sequence[int], chapel: Chapel | None = None) -> NDArray[np
         middle = rays(np.array([row + 0.5]), np.arange(WIDTH) + 0.5)
         clear = march(np.zeros_like(middle), middle, cone=1.06 * math.pi / HEIGHT / math.sqrt(2))
         ray = rays(row + sub, columns)
-        light = chapel.radiance(np.zeros_like(ray), ray, np.tile(np.repeat(clear, n), n))
+        light = radiance(patches, np.zeros_like(ray), ray, np.tile(np.repeat(clear, n), n))
         light = light.reshape(3, n, WIDTH, n)
-        total = np.zeros((3, WIDTH))
-        for j in range(n):
-            for k in range(n):
-                total += light[:, j, :, k]
+        total = sum(light[:, j, :, k] for j in range(n) for k in range(n))
         result[i] = (total / n**2).T
     # Eight bits of fraction are within 0.2 % and compress much better than the ten of a half float.
     bits = result.view(np.uint16)
@@ -690,14 +660,11 @@ def write(path: Path, pixels: NDArray[np.float16]) -> None:
     spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, "half")
     spec.attribute("compression", "zip:9")
     spec.attribute("DateTime", "")  # or the file would change with every run
-    with replacing(path) as temporary:
-        name = utf8_name(temporary)
-        output = oiio.ImageOutput.create(name)
-        if output is None:
-            raise LightdomeError(f"cannot write {path}: the name must end in .exr")
-        written = output.open(name, spec) and output.write_image(pixels)
-        if not (output.close() and written):
-            raise LightdomeError(f"cannot write {path}: {output.geterror() or 'the writer failed'}")
+    name = utf8_name(path)
+    output = oiio.ImageOutput.create(name)
+    written = output.open(name, spec) and output.write_image(pixels)
+    if not (output.close() and written):
+        raise LightdomeError(f"cannot write {path}: {output.geterror() or 'the writer failed'}")
 
 
 def main() -> None:
@@ -712,14 +679,10 @@ def main() -> None:
     if out.suffix.lower() != ".exr":
         parser.error(f"argument --out: {out} does not end in .exr")
     utf8_name(out)
-    try:
-        with tempfile.NamedTemporaryFile(dir=out.parent):
-            pass  # refuse a place that cannot be written before the work, not after it
-    except OSError as error:
-        raise LightdomeError(f"cannot write {out}: {error.strerror}; choose another --out") from error
     began = time.perf_counter()
-    pixels = render()
-    write(out, pixels)
+    with replacing(out) as temporary:  # refuses a place that cannot be written before the work, not after it
+        pixels = render()
+        write(temporary, pixels)
     luminance = pixels.astype(np.float64).mean(axis=2)
     print(
         f"wrote {out}: {WIDTH} x {HEIGHT}, luminance {luminance.min():.2g} to {luminance.max():.0f}, "

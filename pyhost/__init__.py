@@ -52,7 +52,8 @@ if TYPE_CHECKING:
     from .errors import LightdomeError
     from .lighting.exact import exact
     from .lighting.harmonics import Harmonics, project, shade_harmonics
-    from .lighting.lights import Lights, write_csv, write_pbrt
+    from .lighting.light_files import write_csv, write_lights, write_pbrt
+    from .lighting.lights import Lights
     from .lighting.median_cut import median_cut
     from .lighting.shade import shade, shade_samples
     from .maps.envmap import EnvironmentMap
@@ -79,8 +80,9 @@ _HOME = {
     "tone_map": "maps.images",
     "write_image": "maps.images",
     "Lights": "lighting.lights",
-    "write_csv": "lighting.lights",
-    "write_pbrt": "lighting.lights",
+    "write_csv": "lighting.light_files",
+    "write_lights": "lighting.light_files",
+    "write_pbrt": "lighting.light_files",
     "median_cut": "lighting.median_cut",
     "Samples": "sampling.samples",
     "sample_file": "sampling.streaming",
@@ -113,6 +115,7 @@ __all__ = [
     "tone_map",
     "write_csv",
     "write_image",
+    "write_lights",
     "write_pbrt",
 ]
 

@@ -173,19 +173,25 @@ def array(
     return result
 
 
-def lights(direction: object, flux: object, own: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors (N, 3) float32, and as many fluxes (N, 3) float64, 0 to :data:`BRIGHTEST`; see :func:`array`."""
-    direction = array("direction", direction, ("N", 3), np.float32, own)
-    flux = array("flux", flux, ("N", 3), np.float64, own)
-    if len(direction) != len(flux):
-        raise LightdomeError(f"direction and flux must have the same length, got {len(direction)} and {len(flux)}")
+def unit_vectors(what: str, value: object, dtype: DTypeLike, each: str = "number", own: bool = False) -> np.ndarray:
+    """Unit vectors (N, 3), see :func:`array`; ``each`` is what a message calls one of them."""
+    result = array(what, value, ("N", 3), dtype, own)
     with np.errstate(over="ignore"):
-        unit = np.abs(np.einsum("nc,nc->n", direction, direction) - 1) <= 2 * UNIT
+        unit = np.abs(np.einsum("nc,nc->n", result, result) - 1) <= 2 * UNIT
     if not unit.all():
         n = int(np.argmin(unit))
         raise LightdomeError(
-            f"a direction must be a unit vector, got {told(direction[n].tolist())} (light {n}); normalise it"
+            f"a direction must be a unit vector, got {told(result[n].tolist())} ({each} {n}); normalise it"
         )
+    return result
+
+
+def lights(direction: object, flux: object, own: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors (N, 3) float32, and as many fluxes (N, 3) float64, 0 to :data:`BRIGHTEST`; see :func:`array`."""
+    direction = unit_vectors("direction", direction, np.float32, "light", own)
+    flux = array("flux", flux, ("N", 3), np.float64, own)
+    if len(direction) != len(flux):
+        raise LightdomeError(f"direction and flux must have the same length, got {len(direction)} and {len(flux)}")
     if flux.size and not (flux.min() >= 0 and flux.max() <= BRIGHTEST):
         n = int(np.argmin(((flux >= 0) & (flux <= BRIGHTEST)).all(axis=1)))
         raise LightdomeError(f"a flux must be from 0 to {BRIGHTEST:g}, got {told(flux[n].tolist())} (light {n})")

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 SEQUENCES = ("independent", "stratified", "sobol", "r2")  # points of samples that all pixels share
+WITHIN = ("centre", "pixel")  # where in its pixel the direction of a sample that all pixels share lies
 PIXEL_SEQUENCES = ("independent", "sobol")  # points of samples for every pixel
 PROJECTIONS = (
     "latlong",
@@ -18,6 +19,19 @@ PROJECTIONS = (
     "cube-openexr",
     "octahedral",
 )  # of maps, see lightdome.maps.projections
+CONVENTIONS = ("lightdome", "pbrt", "mitsuba", "cycles", "gltf", "skylibs")  # of maps: lightdome.maps.conventions
+
+LIGHT_METHODS = ("median-cut", "sun+median-cut", *SEQUENCES)  # how a map becomes a few lights
+# Files of lights for other programs, and their suffixes.
+LIGHT_FORMATS = {
+    "csv": ".csv",
+    "json": ".json",
+    "pbrt": ".pbrt",
+    "mitsuba": ".xml",
+    "gltf": ".gltf",
+    "usda": ".usda",
+    "blender": ".py",
+}
 
 
 @dataclass(frozen=True)
@@ -30,10 +44,12 @@ class Command:
 
 COMMANDS = {
     "devices": Command("devices", "list OpenCL devices, their speed, and the one that is used"),
+    "info": Command("info", "say what is in a map: clipping, sun, range, where its light comes from"),
     "sample": Command("part2_sample", "draw light samples from a map, and show where they fall"),
     "shade": Command("part3_shade", "shade a sphere with samples that all pixels share"),
     "render": Command("part4_pbrt", "render the sphere with fresh samples for every pixel"),
     "convert": Command("convert", "write a map in another projection"),
+    "lights": Command("lights", "turn a map into a few lights, as a file for another program"),
     "fresnel": Command("part1_fresnel", "plot the Fresnel reflectance of a dielectric"),
     "bench": Command("bench", "measure the error of each method against its run time"),
     "roofline": Command("roofline", "measure each stage against what the machine can do"),

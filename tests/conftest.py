@@ -5,26 +5,34 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import sys
+from typing import TYPE_CHECKING
 
 import pytest
-from helpers import GRACE, LONG, Script, command_line, in_gpu_shape, stiff_radiance
+from helpers import GRACE, LONG, Script, command_line, in_gpu_shape, module_of, stiff_radiance
+from lightdome import console
 from lightdome.errors import LightdomeError
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.opencl.device import Device, open_device
 from lightdome.pbrt.run import Pbrt, find_pbrt
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 def pytest_configure() -> None:
-    """Let programs that tests start hear SIGINT, even if the suite itself runs as a shell's background job."""
+    """Let programs that tests start hear signals that a background job's shell, or nohup, had the suite ignore."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest selects by marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark tests that run scripts or other programs as slow."""
+    """Mark tests that run commands or other programs as slow."""
     for item in items:
-        if "script" in getattr(item, "fixturenames", ()) or item.get_closest_marker("peer"):
+        if {"script", "run_here"} & set(getattr(item, "fixturenames", ())) or item.get_closest_marker("peer"):
             item.add_marker(pytest.mark.slow)
 
 
@@ -71,3 +79,29 @@ def script() -> Script:
         return subprocess.run(command, capture_output=True, text=True, timeout=LONG, env={**os.environ, **environment})
 
     return run
+
+
+@pytest.fixture
+def run_here(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Script:
+    """Run a command as ``script`` does, but in this process, whose modules are loaded; its output is the point."""
+
+    def run(name: str, *args: object) -> subprocess.CompletedProcess[str]:
+        words = [f"{name}.py", *map(str, args)]
+        monkeypatch.setattr(sys, "argv", words)
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            console.run(module_of(name).main)
+        return subprocess.CompletedProcess(words, ended.value.code, *capsys.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
+    """Figures that would be saved, by the stems of their files: the files stay empty, since drawing takes long."""
+    import lightdome.plotting  # noqa: F401 (it loads matplotlib whatever backend is asked for)
+    from matplotlib.figure import Figure
+
+    found: dict[str, Figure] = {}
+    monkeypatch.setattr(Figure, "savefig", lambda figure, path, **_: found.update({path.name.split(".")[1]: figure}))
+    return found

@@ -17,7 +17,8 @@ from lightdome.disc import disc_mask
 from lightdome.errors import LightdomeError
 from lightdome.lighting.exact import exact, exact_kept
 from lightdome.lighting.harmonics import Harmonics, clamped_cosine, project, shade_harmonics
-from lightdome.lighting.lights import Lights, write_csv, write_pbrt
+from lightdome.lighting.light_files import write_csv, write_pbrt
+from lightdome.lighting.lights import Lights
 from lightdome.lighting.median_cut import median_cut, regions
 from lightdome.lighting.shade import shade, shade_samples
 from lightdome.maps.envmap import EnvironmentMap
@@ -166,6 +167,13 @@ WRONG: dict[str, tuple[Callable[[Given], object], tuple[str, ...]]] = {
     "seed of scenes": (lambda g: pbrt.scene_text(4, 8, seed=-1), ("seed", "-1")),
     "sequence": (lambda g: g.distribution.sample(4, sequence="magic"), ("sequence", "'magic'", "sobol")),
     "sequence number": (lambda g: g.distribution.sample(4, sequence=2), ("sequence", "2", "sobol")),
+    "within": (lambda g: g.distribution.sample(4, within="edge"), ("within a pixel", "'edge'", "centre, pixel")),
+    "within number": (lambda g: g.distribution.sample_at([[0.5, 0.5]], 1), ("within a pixel", "1", "centre, pixel")),
+    "within list": (lambda g: g.distribution.sample(4, within=["pixel"]), ("within a pixel", "['pixel']")),
+    "pdf": (lambda g: g.distribution.pdf([0, 1, 0]), ("directions", "(N, 3)", "(3,)")),
+    "pdf text": (lambda g: g.distribution.pdf("up"), ("directions", "(N, 3)", "'up'")),
+    "pdf long": (lambda g: g.distribution.pdf([[0, 1, 0], [0, 2, 0]]), ("unit vector", "number 1", "normalise it")),
+    "pdf NaN": (lambda g: g.distribution.pdf([[np.nan, 1, 0]]), ("unit vector", "nan", "number 0")),
     "points": (lambda g: g.distribution.sample_at([0.5, 0.5]), ("(N, 2)", "(2,)")),
     "points text": (lambda g: g.distribution.sample_at("0.5"), ("(N, 2)", "'0.5'")),
     "points NaN": (lambda g: g.distribution.sample_at([[np.nan, 0]]), ("[0, 1)",)),

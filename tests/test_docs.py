@@ -3,7 +3,8 @@
 In a block tagged ``sh`` every line is a command, run from the clone's folder with ``.venv`` active and with the
 arguments of ``CHEAP`` added. A line, or the first line for the whole block, may say ``# not run by the tests: `` and
 why. A block tagged ``python`` is run as it is,
-but for its resolution. All blocks of a page run in one folder, one after another.
+but for its resolution. All blocks of a page run in one folder, one after another. A command that needs nothing of those
+before it, and on which none after it depends, runs once for all pages.
 """
 
 from __future__ import annotations
@@ -31,11 +32,14 @@ NOT_RUN = "# not run by the tests: "
 # What makes a command cheap; the last of two equal options counts.
 CHEAP = {
     "python tests/tools/fuzz.py": "--count 5",
-    "scripts/bench.py": "--methods sobol mis --resolution 31 --counts 16 --spp 2 --seeds 1 --repeats 1",
+    "scripts/bench.py": "--methods sobol --resolution 31 --counts 16 --spp 2 --seeds 1 --repeats 1",
     "scripts/part3_shade.py": "--resolution 31",
     "scripts/part4_pbrt.py": "--spp 1 2 --resolution 31",
     "scripts/test": "--collect-only tests/sampling/test_sequences.py",
 }
+
+# What runs once: the programs, and nothing that reads or writes what is there.
+BY_ITSELF = ("scripts/bench.py", "scripts/test", ".venv/bin/python -m lightdome.probe")
 
 # In place of scripts/setup.sh: the machine is set up.
 SET_UP = f"""\
@@ -89,6 +93,12 @@ def clone(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.fixture(scope="module")
+def ran() -> set[str]:
+    """The commands of other pages that run once."""
+    return set()
+
+
 def run(clone: Path, command: str) -> None:
     """Run a command as a reader does, made cheap."""
     cheap = [arguments for name, arguments in CHEAP.items() if f"{command} ".startswith(f"{name} ")]
@@ -106,12 +116,15 @@ def run(clone: Path, command: str) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_commands_and_programs_run(page: Path, clone: Path) -> None:
+def test_commands_and_programs_run(page: Path, clone: Path, ran: set[str]) -> None:
     for language, block in blocks(page.read_text(encoding="utf-8")):
         assert language in LANGUAGES, f"a block tagged {language!r}"
         if language == "sh":
             for command in commands(block):
-                run(clone, command)
+                if command not in ran:
+                    run(clone, command)
+                if command.startswith(BY_ITSELF):
+                    ran.add(command)
         elif language == "python":
             (clone / "block.py").write_text(block.replace("resolution=511", "resolution=51"))
             run(clone, "python block.py")
@@ -162,8 +175,11 @@ def test_every_lesson_of_the_tutorial_is_run_and_listed() -> None:
     assert re.findall(r"^\d\. \[(.*?)\]", text, re.MULTILINE) == lessons
 
 
+EXAMPLE = re.compile(r"^example: (.*)$", re.MULTILINE)
+
+
 @pytest.mark.parametrize("name", SCRIPTS)
-def test_help_says_the_defaults_and_its_example_runs(name: str, script: Script, clone: Path) -> None:
+def test_help_says_the_defaults_and_has_an_example(name: str, script: Script) -> None:
     result = script(name, "--help", COLUMNS="1000")
     assert result.returncode == 0, result.stderr
     text = re.sub(r"\n {10,}", "   ", result.stdout)  # the help of a long option is on the next line
@@ -172,14 +188,21 @@ def test_help_says_the_defaults_and_its_example_runs(name: str, script: Script, 
     for option, meaning in described:
         assert meaning, option
         assert " " not in option or "default: " in meaning, option
-    (example,) = re.findall(r"^example: (.*)$", result.stdout, re.MULTILINE)
+    (example,) = EXAMPLE.findall(result.stdout)
     assert example.startswith(f"scripts/{name}.py ")
-    if name == "part3_shade":
-        run(clone, "scripts/part2_sample.py")
-    readme = blocks((ROOT / "README.md").read_text(encoding="utf-8"))
-    tested = [command for language, block in readme if language == "sh" for command in commands(block)]
-    if (name.startswith("part") or name == "bench") and example not in tested:  # the others have tests of their own
-        run(clone, example)
+
+
+def test_examples_of_the_help_run(script: Script, clone: Path, ran: set[str]) -> None:
+    for name in (
+        "part1_fresnel",
+        "part2_sample",
+        "part3_shade",
+        "part4_pbrt",
+        "bench",
+    ):  # others have own tests
+        (example,) = EXAMPLE.findall(script(name, "--help", COLUMNS="1000").stdout)
+        if example not in ran:
+            run(clone, example)
 
 
 def test_the_api_reference_builds_without_a_warning(tmp_path: Path) -> None:

@@ -30,9 +30,8 @@ def python(program: str, folder: Path, **environment: str) -> subprocess.Complet
     )
 
 
-@pytest.mark.parametrize("backend", [JUPYTER, "nonsense"])
-def test_plots_do_not_depend_on_a_backend(script: Script, tmp_path: Path, backend: str) -> None:
-    result = script("part1_fresnel", "--out", tmp_path, MPLBACKEND=backend)
+def test_plots_do_not_depend_on_a_backend(script: Script, tmp_path: Path) -> None:
+    result = script("part1_fresnel", "--out", tmp_path, MPLBACKEND="nonsense")
     assert result.returncode == 0, result.stderr
     assert result.stderr == ""
 

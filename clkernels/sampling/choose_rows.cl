@@ -3,11 +3,14 @@
 //     row(i) from the CDF over rows at the second half of point i, across(i) = the first half
 //
 // marginal_cdf  from marginal_cdf.cl, height integers
-// row, across   count integers; across as a fraction of 2^32
+// row           count integers
+// across        count integers, fractions of 2^64
+// place         count integers: where in the row the point lies, as a fraction of 2^32 (within_pixel.clh)
 //
 // One work-item a sample, in whole groups. sample.cl does the same where the whole map is at hand.
 
 #include "common/sequence.clh"
+#include "common/within_pixel.clh"
 
 // The first i with cdf[i] > u total / 2^32 (prefix_sum.clh), by binary search.
 static inline uint invert_cdf(global const uint *cdf, uint n, uint u)
@@ -31,12 +34,16 @@ kernel void choose_rows(global const uint *restrict marginal_cdf,
                         const uint count,
                         const uint2 seed,
                         global uint *restrict row,
-                        global uint *restrict across)
+                        global ulong *restrict across,
+                        global uint *restrict place)
 {
     const uint i = get_global_id(0);
     if (i >= count)
         return;
     const uint2 point = sequence_point(i, count, 0u, seed);
-    row[i] = invert_cdf(marginal_cdf, height, point.y);
-    across[i] = point.x;
+    const uint2 further = further_bits(i, 0u, seed);
+    const uint y = invert_cdf(marginal_cdf, height, point.y);
+    row[i] = y;
+    across[i] = ((ulong)point.x << 32) + further.x;
+    place[i] = place_in_step(point.y, further.y, y == 0 ? 0 : marginal_cdf[y - 1], marginal_cdf[y], marginal_cdf[height - 1]);
 }

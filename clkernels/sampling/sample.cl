@@ -1,22 +1,9 @@
 // Draw directions from an environment map with probability proportional to luminance x sin(theta).
 //
-//     y from the CDF over rows, x from the CDF of row y (Pharr et al., 4th ed., A.4 and A.5)
-//     p(x, y) = f(x, y) sin(theta_y) / total, from the pixel's own weight
-//     w = (sin theta cos phi, cos theta, sin theta sin phi)
+//     y from the CDF over rows, x from the CDF of row y,  p(x, y) = f(x, y) sin(theta_y) / total
 //
-// row_cdf, marginal_cdf  height x width and height integers, from row_cdf.cl and marginal_cdf.cl
-// radiance               height x width x 3 floats
-// theta, phi             (sin, cos) of every row and of every column
-// scale, inverse_total   f = scale (R + G + B), and 1 / the sum of f sin(theta) over the map
-// seed                   of the sequence that the points come from (sequence.clh)
-// direction              count x 3 floats, unit vectors w
-// sample_radiance        count x 3 floats
-// pixel                  count x (x, y)
-// probability            count floats
-//
-// One work-item BLOCK samples.
+// Formulas, arguments and what a work-item does are in sample_block.clh.
 
-#include "common/sequence.clh"
 #include "sampling/sample_block.clh"
 
 kernel void sample(global const uint *restrict row_cdf,
@@ -24,28 +11,28 @@ kernel void sample(global const uint *restrict row_cdf,
                    global const float *restrict radiance,
                    global const float2 *restrict theta,
                    global const float2 *restrict phi,
+                   global const ulong2 *restrict row_versines,
                    const uint width,
                    const uint height,
                    const float scale,
                    const float inverse_total,
                    const uint count,
                    const uint2 seed,
+                   global const ulong2 *restrict points,
                    global float *restrict direction,
                    global float *restrict sample_radiance,
                    global int *restrict pixel,
                    global float *restrict probability)
 {
     const uint begin = get_global_id(0) * BLOCK, n = min((uint)BLOCK, count - begin);
-
-    // A point of the unit square for each sample
-    uint across[BLOCK], down[BLOCK];
-    sequence_block(begin, count, 0u, seed, across, down);
-
-    // The pixel that it picks: y from the CDF over rows, x from the CDF of row y
-    uint x[BLOCK], y[BLOCK];
+    uint across[BLOCK], down[BLOCK], x[BLOCK], y[BLOCK];
+    sequence_block(points, begin, count, 0u, seed, across, down);
     search_pixels(row_cdf, marginal_cdf, width, height, across, down, x, y);
-
-    // Its probability, direction and radiance
-    store_samples(radiance, theta, phi, width, scale, inverse_total, x, y, begin, n, direction, sample_radiance, pixel,
-                  probability);
+    block_angles angles;
+    load_centres(theta, phi, x, y, n, &angles);
+    store_lights(radiance, width, scale, inverse_total, x, y, angles.sin_theta, begin, n, sample_radiance, pixel,
+                 probability);
+    move_within_pixels(row_cdf, marginal_cdf, row_versines, points, width, height, count, seed, across, down, x, y, begin,
+                       n, &angles);
+    store_directions(&angles, begin, n, direction);
 }

@@ -1,19 +1,7 @@
 // Draw pixels as sample.cl does, with their probabilities and without their directions.
 //
-//     y from the CDF over rows, x from the CDF of row y (Pharr et al., 4th ed., A.4 and A.5)
-//     p(x, y) = f(x, y) sin(theta_y) / total, from the pixel's own weight
-//
-// row_cdf, marginal_cdf  height x width and height integers, from row_cdf.cl and marginal_cdf.cl
-// radiance               height x width x 3 floats
-// theta                  (sin, cos) of every row
-// scale, inverse_total   f = scale (R + G + B), and 1 / the sum of f sin(theta) over the map
-// seed                   of the sequence that the points come from (sequence.clh)
-// pixel                  count x (x, y)
-// probability            count floats
-//
-// One work-item BLOCK samples.
+// Formulas, arguments and what a work-item does are in sample_block.clh.
 
-#include "common/sequence.clh"
 #include "sampling/sample_block.clh"
 
 kernel void sample_pixels(global const uint *restrict row_cdf,
@@ -26,27 +14,16 @@ kernel void sample_pixels(global const uint *restrict row_cdf,
                           const float inverse_total,
                           const uint count,
                           const uint2 seed,
+                          global const ulong2 *restrict points,
                           global int *restrict pixel,
                           global float *restrict probability)
 {
     const uint begin = get_global_id(0) * BLOCK, n = min((uint)BLOCK, count - begin);
-
-    // A point of the unit square for each sample
-    uint across[BLOCK], down[BLOCK];
-    sequence_block(begin, count, 0u, seed, across, down);
-
-    // The pixel that it picks: y from the CDF over rows, x from the CDF of row y
-    uint x[BLOCK], y[BLOCK];
+    uint across[BLOCK], down[BLOCK], x[BLOCK], y[BLOCK];
+    sequence_block(points, begin, count, 0u, seed, across, down);
     search_pixels(row_cdf, marginal_cdf, width, height, across, down, x, y);
 
-    // f and sin(theta) there
-    float red[BLOCK], green[BLOCK], blue[BLOCK], f[BLOCK], sin_theta[BLOCK];
+    float red[BLOCK], green[BLOCK], blue[BLOCK], f[BLOCK];
     load_radiance(radiance, width, scale, x, y, n, red, green, blue, f);
-    SCALAR_LOADS
-    for (uint k = 0; k < n; ++k)
-        sin_theta[k] = theta[y[k]].x;
-
-    // Its probability f sin(theta) / total
-    store_pixels(x, y, begin, n, pixel);
-    store_probabilities(f, sin_theta, inverse_total, begin, n, probability);
+    store_pixel_samples(f, theta, inverse_total, x, y, begin, n, pixel, probability);
 }

@@ -17,9 +17,11 @@ from typing import TYPE_CHECKING
 
 from ..errors import LightdomeError, exactly
 from ..files import utf8_name
-from ..names import COMMANDS, PROJECTIONS
+from ..names import COMMANDS, CONVENTIONS, PROJECTIONS
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from ..decisions import Decision
     from ..maps.envmap import EnvironmentMap
     from ..opencl.device import Device
@@ -73,29 +75,28 @@ def _data_folder() -> Path:
     return of_script if _is_script() and of_script.is_dir() else Path(__file__).resolve().parents[2] / "data"
 
 
-def map_options(parser: argparse.ArgumentParser) -> None:
-    """Add ``--map`` and the options of :func:`reading_options`, for :func:`load_map`.
+def map_options(parser: argparse.ArgumentParser, positional: bool = False) -> None:
+    """Add ``--map`` and how to read it, for :func:`load_map`: the convention is undone first, then it is mirrored, then
+    it turns.
 
-    The default is Grace if it is in the folder of :func:`_data_folder`, else the map that ships.
+    The default is Grace if it is in the folder of :func:`_data_folder`, else the map that ships. With ``positional``
+    the map is an argument that must be given.
     """
     data = _data_folder()
     grace = data / "grace_latlong.exr"
     parser.add_argument(
-        "--map",
+        "map" if positional else "--map",
         type=Path,
-        metavar="FILE",
-        default=grace if grace.exists() else data / "default.exr",
+        metavar="MAP" if positional else "FILE",
+        default=None if positional else (grace if grace.exists() else data / "default.exr"),
         help="environment map: .exr, .hdr or .pfm",
     )
-    reading_options(parser)
-
-
-def reading_options(parser: argparse.ArgumentParser) -> None:
-    """Add ``--projection``, ``--layer``, ``--sanitize`` and ``--flip``."""
     parser.add_argument(
         "--projection",
-        choices=list(PROJECTIONS),
-        help="how the map lies in its file (default: what the file's header, sides and black corners say)",
+        choices=PROJECTIONS,
+        metavar="NAME",
+        help=f"how the map lies in its file: {', '.join(PROJECTIONS)} (default: what its header, its sides and black"
+        " corners say)",
     )
     parser.add_argument(
         "--layer",
@@ -110,7 +111,53 @@ def reading_options(parser: argparse.ArgumentParser) -> None:
         help="replace NaN, infinite and negative pixels by black; with clamp, infinite ones by the largest finite value"
         " of the file's format (default: refuse the map)",
     )
+    orientation_options(parser)
+
+
+def orientation_options(parser: argparse.ArgumentParser) -> None:
+    """Add ``--flip``, ``--convention``, ``--mirror`` and ``--rotate``: which direction a pixel of the file is."""
     parser.add_argument("--flip", action="store_true", help="reverse the rows, for a file that was written upside down")
+    parser.add_argument(
+        "--convention",
+        choices=CONVENTIONS,
+        default=CONVENTIONS[0],
+        metavar="NAME",
+        help=f"program for which the map was made: {', '.join(CONVENTIONS)}",
+    )
+    parser.add_argument("--mirror", action="store_true", help="reverse the columns, for a map that is mirrored")
+    parser.add_argument(
+        "--rotate",
+        type=finite_float,
+        nargs="+",
+        action=_Rotate,
+        metavar=("YAW", "PITCH ROLL"),
+        help="turn the map by degrees about +y (counter-clockwise from above), +x and +z, after --convention and"
+        " --mirror (default: 0 0 0)",
+    )
+
+
+class _Rotate(argparse.Action):
+    """A yaw, or a yaw, a pitch and a roll."""
+
+    def __call__(self, parser, namespace, values, option_string=None) -> None:  # type: ignore[no-untyped-def]
+        if len(values) not in (1, 3):
+            parser.error(f"argument {option_string}: expected YAW or YAW PITCH ROLL, got {len(values)} numbers")
+        setattr(namespace, self.dest, values)
+
+
+def map_arguments(args: argparse.Namespace) -> list[object]:
+    """The options of :func:`map_options` as they would be typed for another command."""
+    result: list[object] = ["--map", args.map]
+    if args.layer is not None:
+        result.append(f"--layer={args.layer}")
+    if args.sanitize:
+        result += ["--sanitize", args.sanitize]
+    result += [f"--{name}" for name in ("flip", "mirror") if getattr(args, name)]
+    if args.projection:
+        result += ["--projection", args.projection]
+    if args.convention != CONVENTIONS[0]:
+        result += ["--convention", args.convention]
+    return result + (["--rotate", *args.rotate] if args.rotate else [])
 
 
 def quicken(parser: argparse.ArgumentParser, args: argparse.Namespace, **values: object) -> None:
@@ -125,12 +172,41 @@ def load_map(args: argparse.Namespace) -> EnvironmentMap:
     from ..maps.envmap import EnvironmentMap  # only here: a script without a map needs no image library
 
     envmap = EnvironmentMap.read(
-        args.map, sanitize=args.sanitize, layer=args.layer, flip=args.flip, projection=args.projection
+        args.map,
+        sanitize=args.sanitize,
+        layer=args.layer,
+        flip=args.flip,
+        projection=args.projection,
+        convention=args.convention,
     )
+    envmap = envmap.mirrored() if args.mirror else envmap
+    envmap = envmap.rotated(*args.rotate) if args.rotate else envmap
     for note in (*envmap.notes, envmap.shape_note, envmap.replaced and envmap.replaced.note):
         if note:
             print(note, file=sys.stderr)
     return envmap
+
+
+def map_columns(args: argparse.Namespace, width: int, advice: str = "") -> np.ndarray:
+    """The columns of the file in the order in which :func:`load_map` has them.
+
+    Raises :class:`LightdomeError` where it would resample; ``advice`` is what the user may do besides.
+    """
+    import numpy as np
+
+    from ..maps.conventions import yaw_between
+    from ..maps.rotation import rotation_matrix, whole_columns
+
+    columns = np.arange(width)
+    turns = [rotation_matrix(yaw_between(args.convention, "lightdome")), rotation_matrix(*args.rotate or [0.0])]
+    shifts = [whole_columns(width, turn) for turn in turns]
+    if None in shifts:
+        raise LightdomeError(
+            f"a map that is read in bands moves by whole columns, of which this one has {width}; choose --rotate and"
+            f" --convention so{advice}"
+        )
+    columns = np.roll(columns, shifts[0])
+    return np.roll(columns[::-1] if args.mirror else columns, shifts[1])
 
 
 def device_option(parser: argparse.ArgumentParser) -> None:
@@ -252,6 +328,11 @@ def seed(text: str) -> int:
 def positive_float(text: str) -> float:
     """Argument type: a finite number above 0."""
     return float(_number(float, text, lambda v: v > 0, "a finite number above 0"))
+
+
+def finite_float(text: str) -> float:
+    """Argument type: a finite number."""
+    return float(_number(float, text, lambda v: v > -math.inf, "a finite number"))
 
 
 def non_negative_float(text: str) -> float:

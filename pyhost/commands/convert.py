@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from ..names import PROJECTIONS
+from ..names import CONVENTIONS, PROJECTIONS
 from . import cli
 
 
@@ -16,7 +16,7 @@ def main() -> None:
         " of a light that is smaller than a pixel. docs/projections.md shows which way each projection looks.",
         "map.exr probe.exr --to angular",
     )
-    parser.add_argument("map", type=Path, metavar="MAP", help="environment map: .exr, .hdr or .pfm")
+    cli.map_options(parser, positional=True)
     parser.add_argument("out", type=Path, metavar="OUT", help="file to write: .exr or .pfm, in single precision")
     parser.add_argument("--to", choices=PROJECTIONS, required=True, help="projection of the result")
     parser.add_argument(
@@ -25,23 +25,35 @@ def main() -> None:
         metavar="N",
         help="side of a square or of a cube's face, rows of a latlong (default: about as many pixels as the map has)",
     )
-    cli.reading_options(parser)
     args = parser.parse_args()
 
+    import numpy as np
+
     from ..errors import LightdomeError
+    from ..maps.conventions import yaw_between
     from ..maps.conversion import convert
     from ..maps.envmap import read_projected
     from ..maps.images import LINEAR, write_image
+    from ..maps.rotation import rotation_matrix
 
     if args.out.suffix.lower() not in LINEAR:
         raise LightdomeError(f"cannot write {args.out}: give a name that ends in {' or '.join(LINEAR)}")
     read = read_projected(
-        args.map, sanitize=args.sanitize, layer=args.layer, flip=args.flip, projection=args.projection
+        args.map,
+        sanitize=args.sanitize,
+        layer=args.layer,
+        flip=args.flip,
+        projection=args.projection,
+        convention=args.convention,
     )
     for note in (*read.notes, read.replaced and read.replaced.note):
         if note:
             print(note, file=sys.stderr)
-    image = convert(read.radiance, read.projection, args.to, args.size)
+    turn = rotation_matrix(*args.rotate or [0.0])
+    turn = (
+        turn @ np.diag([1, 1, -1 if args.mirror else 1]) @ rotation_matrix(yaw_between(args.convention, CONVENTIONS[0]))
+    )
+    image = convert(read.radiance, read.projection, args.to, args.size, turn)
     write_image(args.out, image, is_cube=args.to == "cube-openexr")
     height, width = read.radiance.shape[:2]
     print(f"map: {args.map}, {width} x {height}, {read.projection}")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import LightdomeError
-from ..names import SEQUENCES
+from ..names import SEQUENCES, WITHIN
 from ..sampling.samples import check_count
 from . import cli
 
@@ -39,6 +39,12 @@ def main() -> None:
     parser.add_argument(
         "--sequence", choices=SEQUENCES, default=SEQUENCES[0], help="the points that samples are made of"
     )
+    parser.add_argument(
+        "--within",
+        choices=WITHIN,
+        default=WITHIN[0],
+        help="where directions lie: at the centre of their pixels, or anywhere in the pixel, even over its solid angle",
+    )
     parser.add_argument("--seed", type=cli.seed, default=0, help="seed of the points, a whole number")
     parser.add_argument(
         "--marker", type=cli.positive_int, default=5, metavar="M", help="side of the blue squares in pixels"
@@ -67,6 +73,7 @@ def main() -> None:
     device = cli.open_device(args)
     print(f"map: {args.map}, {image.width} x {image.height}")
     if args.samples_only:
+        image.reorder(cli.map_columns(args, image.width, ", or leave out --samples-only"))
         write_samples(args, out, image, device)
     else:
         large = f"not enough memory for a {image.width} x {image.height} map; use --samples-only"
@@ -95,6 +102,7 @@ def write_samples(args: Namespace, out: Path, image: ImageRows, device: Device) 
         args.counts,
         args.seed,
         args.sequence,
+        within=args.within,
         sanitize=args.sanitize,
         report=lambda replaced: print(replaced.note, file=sys.stderr),
     )
@@ -124,7 +132,7 @@ def write_samples_and_pictures(args: Namespace, out: Path, device: Device) -> No
 
     names = []
     for count in args.counts:
-        samples = distribution.sample(count, seed=args.seed, sequence=args.sequence)
+        samples = distribution.sample(count, seed=args.seed, sequence=args.sequence, within=args.within)
         samples.save(out / f"samples_{count}.npz")
 
         marked = envmap.radiance.copy()

@@ -6,11 +6,15 @@ import argparse
 import atexit
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from .. import __version__
 from . import cli
+
+if TYPE_CHECKING:
+    from ..maps.envmap import EnvironmentMap
 
 COUNTS = [64, 256, 1024]  # samples shared by all pixels
 SPP = [8, 16, 32, 64]
@@ -19,8 +23,9 @@ SPP = [8, 16, 32, 64]
 class Runs:
     """What the scripts wrote, into the folder beside the report's or into the report's own, or write now."""
 
-    def __init__(self, out: Path) -> None:
+    def __init__(self, out: Path, run: Callable[..., int] | None = None) -> None:
         self.out = out
+        self._run = run or run_command
         self.folders: dict[str, Path] = {}
         self.settings: dict[str, dict] = {}
 
@@ -40,7 +45,7 @@ class Runs:
         else:
             folder = own
             print(f"{name}: running lightdome {command}", flush=True)
-            status = run(command, *options, "--out", folder)
+            status = self._run(command, *options, "--out", folder)
             found = settings.read(folder / record)
             # A case of the stability table may fail: the command says so, and the report shows it.
             if found is None or settings.difference(found, wanted):
@@ -50,7 +55,7 @@ class Runs:
         self.folders[name], self.settings[name] = folder, found
 
 
-def run(command: str, *options: object) -> int:
+def run_command(command: str, *options: object) -> int:
     """Run a command with its errors and progress on our terminal; its exit status, 1 if it was killed."""
     words = [sys.executable, "-m", "lightdome", command, *options]
     with subprocess.Popen([str(word) for word in words], stdout=subprocess.DEVNULL) as process:
@@ -81,8 +86,7 @@ def main() -> None:
 
 def make(args: argparse.Namespace) -> None:
     from .. import pbrt
-    from ..evaluation import mitsuba_process, report
-    from . import settings
+    from ..evaluation import report
 
     report.require_typst()
     if args.pbrt:
@@ -91,19 +95,26 @@ def make(args: argparse.Namespace) -> None:
     envmap = cli.load_map(args)
     device = cli.open_device(args)
     print(f"map: {args.map}, {envmap.width} x {envmap.height}")
+    runs = Runs(out)
+    need_all(runs, args, envmap)
+    results = report.Results(runs.folders, runs.settings)
+    images = report.write(device, envmap, args.map.name, results, out)
+    print(f"wrote {out}/{report.PDF} and {report.ARCHIVE} with it and {images} images")
+
+
+def need_all(runs: Runs, args: argparse.Namespace, envmap: EnvironmentMap) -> None:
+    """Find or make the results that a report of ``envmap`` shows."""
+    from ..evaluation import mitsuba_process
+    from . import settings
 
     of_version: dict[str, object] = {"versions": {"lightdome": __version__}}
     of_map = of_version | {"map": {"sha256": settings.map_sum(envmap)}}
     on_device = ["--device", args.device] if args.device else []
-    layer = [f"--layer={args.layer}"] if args.layer is not None else []
-    as_it_is = [*(["--sanitize", args.sanitize] if args.sanitize else []), *(["--flip"] if args.flip else [])]
-    as_it_is += ["--projection", args.projection] if args.projection else []
-    on_map = ["--map", args.map, *layer, *as_it_is, *on_device]
+    on_map = [*cli.map_arguments(args), *on_device]
     quick = ["--quick"] if args.quick else []
     sphere = {"resolution": 255 if args.quick else 511, "albedo": 1.0}
     with_pbrt = {"pbrt": str(args.pbrt)} if args.pbrt else {}
 
-    runs = Runs(out)
     runs.need("part1", "fresnel", settings.NAME, of_version | {"options": {"eta": 1.4}})
     options: dict[str, object] = {"counts": COUNTS}
     runs.need("part2", "sample", settings.NAME, of_map | {"options": options}, "--counts", *COUNTS, *on_map)
@@ -144,7 +155,3 @@ def make(args: argparse.Namespace) -> None:
         *(["--peers", *mitsuba] if mitsuba else []),
         *(*quick, *on_device),
     )
-
-    results = report.Results(runs.folders, runs.settings)
-    images = report.write(device, envmap, args.map.name, results, out)
-    print(f"wrote {out}/{report.PDF} and {report.ARCHIVE} with it and {images} images")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import asdict
 
 from . import cli
@@ -41,7 +42,12 @@ def main() -> None:
     run(args)
 
 
-def run(args: argparse.Namespace) -> None:
+def run(
+    args: argparse.Namespace,
+    sizes: tuple[Sequence[int], Sequence[int], Sequence[int]] | None = None,
+    copy_bytes: Sequence[int] | None = None,
+) -> None:
+    """Measure; ``sizes``, as :data:`SIZES`, and ``copy_bytes`` make a run as small as a test needs it."""
     out = cli.output_folder(args.out)
     envmap = cli.load_map(args)
 
@@ -52,16 +58,17 @@ def run(args: argparse.Namespace) -> None:
 
     device = cli.open_device(args)
     print(f"map: {args.map}, {envmap.width} x {envmap.height}")
-    heights, resolutions, counts = QUICK_SIZES if args.quick else SIZES
+    heights, resolutions, counts = sizes or (QUICK_SIZES if args.quick else SIZES)
+    copies = [copy_bytes] if copy_bytes else []
     sides = sorted({*resolutions, args.resolution})
     plan = roofline_stages.plan(device, envmap, args.map.name, heights, sides, args.resolution, counts, N=1024)
     timings = []
     with Progress("roofline") as progress:
-        before = roofline.measure_limits(device)
+        before = roofline.measure_limits(device, *copies)
         for fraction, stage in plan:
             progress.update(fraction)
             timings.append(roofline.time_stage(device, stage, args.repeats))
-        after = roofline.measure_limits(device)
+        after = roofline.measure_limits(device, *copies)
     limits = before.best(after)
     points = [roofline.rated(timing, limits) for timing in timings]
 

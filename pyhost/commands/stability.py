@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from contextlib import ExitStack
+from typing import TYPE_CHECKING
 
 from . import cli
+
+if TYPE_CHECKING:
+    from ..evaluation.stability import Case
 
 DRAWS, QUICK_DRAWS = 10_000_000, 200_000
 
@@ -27,7 +32,8 @@ def main() -> None:
     run(parser.parse_args())
 
 
-def run(args: argparse.Namespace) -> None:
+def run(args: argparse.Namespace, cases: Sequence[Case] | None = None, draws: int | None = None) -> None:
+    """Measure; ``cases`` and ``draws`` make a run as small as a test needs it."""
     out = cli.output_folder(args.out)
 
     from ..errors import LightdomeError
@@ -38,8 +44,8 @@ def run(args: argparse.Namespace) -> None:
     from .settings import settings
 
     device = cli.open_device(args)
-    draws = QUICK_DRAWS if args.quick else DRAWS
-    cases = [case for case in CASES if not (args.quick and case.large)]
+    draws = draws or (QUICK_DRAWS if args.quick else DRAWS)
+    cases = [case for case in cases or CASES if not (args.quick and case.large)]
     results, about, absent = [], {}, {}
     with ExitStack() as stack, Progress("stability") as progress:
         mitsuba = None

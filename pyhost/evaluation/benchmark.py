@@ -106,6 +106,9 @@ def methods(device: Device, envmap: EnvironmentMap, resolution: int) -> dict[str
     def harmonics(order: int, seed: int) -> np.ndarray:
         return shade_harmonics(device, project(device, envmap, order), resolution)
 
+    def whole(pixels: Literal["centres", "areas"], count: int, seed: int) -> np.ndarray:
+        return exact(device, envmap, resolution, pixels=pixels)
+
     result = [Method(sequence, "shared", shared(sequence), device=device) for sequence in SEQUENCES]
     result.append(Method("median-cut", "shared", cut, random=False, device=device))
     for estimator in ESTIMATORS:
@@ -117,15 +120,9 @@ def methods(device: Device, envmap: EnvironmentMap, resolution: int) -> dict[str
     result.append(Method("mis-compensated-sobol", "per pixel", run, pixels=ESTIMATORS["mis"].pixels, device=device))
     result.append(Method("harmonics", "order", harmonics, random=False, counts=ORDERS, device=device))
     for name, pixels in (("exact", "centres"), ("exact-areas", "areas")):
-        run = partial(_exact, device, envmap, resolution, pixels)
+        run = partial(whole, pixels)
         result.append(Method(name, "order", run, random=False, counts=(1,), pixels=pixels, device=device))
     return {method.name: method for method in result}
-
-
-def _exact(
-    device: Device, envmap: EnvironmentMap, resolution: int, pixels: Literal["centres", "areas"], count: int, seed: int
-) -> np.ndarray:
-    return exact(device, envmap, resolution, pixels=pixels)
 
 
 def measure_method(method: Method, count: int, seeds: int, repeats: int, reference: np.ndarray) -> MethodMeasurement:

@@ -42,7 +42,7 @@ class MitsubaProcess:
     ``stop()``.
     """
 
-    def __init__(self, make: Callable[..., Worker], *arguments: object) -> None:
+    def __init__(self, make: Callable[..., Worker], *arguments: object, start_timeout: float = START_TIMEOUT) -> None:
         # Not forked: a copy of OpenCL's threads and locks would be broken.
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = context.Pipe()
@@ -51,21 +51,18 @@ class MitsubaProcess:
             self._process.start()
         theirs.close()
         self.stop = weakref.finalize(self, _stop, self._process, self._connection)
-        self.about: dict[str, object] = self._ask(make, arguments, START_TIMEOUT)
+        self.about: dict[str, object] = self.call(make, *arguments, timeout=start_timeout)
 
-    def call(self, method: str, *arguments: object, timeout: float) -> Any:
-        """What the worker's ``method`` returns for ``arguments``.
+    def call(self, method: str | Callable[..., Worker], *arguments: object, timeout: float) -> Any:
+        """What the worker's ``method`` returns for ``arguments``; what makes the worker, its ``about``.
 
         Raises :class:`LightdomeError` in one line where it raises anything, and where the process ends or does not
         answer in ``timeout`` seconds, after which it answers no more.
         """
-        return self._ask(method, arguments, timeout)
-
-    def _ask(self, what: object, arguments: tuple[object, ...], timeout: float) -> Any:
         if not self.stop.alive:
             raise LightdomeError("Mitsuba's process has ended")
         with contextlib.suppress(OSError):  # a process that has just ended says why below
-            self._connection.send((what, arguments))
+            self._connection.send((method, arguments))
         try:
             if self._connection.poll(timeout):
                 answer, error = self._connection.recv()

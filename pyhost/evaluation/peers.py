@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +56,8 @@ def find(names: Sequence[str], envmap: EnvironmentMap, resolution: int = 511, pb
         raise ValueError(f"unknown peer {sorted(unknown)[0]!r}; there is {', '.join(NAMES)}")
     peers = Peers()
     if "numpy" in names:
-        peers.methods["numpy"] = _method("numpy", "shared", _numpy(envmap), resolution, areas=False)
+        draw_and_shade = partial(peer_numpy.draw_and_shade, envmap.radiance)
+        peers.methods["numpy"] = _method("numpy", "shared", draw_and_shade, resolution, areas=False)
         peers.about["numpy"] = {"numpy": np.__version__, "time": "from the map in memory to the image in memory"}
     if "mitsuba" in names:
         _find_mitsuba(peers, envmap, resolution)
@@ -77,10 +79,6 @@ def _method(name: str, kind: str, run: Timed, resolution: int, random: bool = Tr
 
     pixels = "areas" if areas else "centres"
     return Method(name, kind, timed, random=random, pixels=pixels, peer=True, clock=lambda: dict(stages))
-
-
-def _numpy(envmap: EnvironmentMap) -> Timed:
-    return lambda resolution, count, seed: peer_numpy.draw_and_shade(envmap.radiance, resolution, count, seed)
 
 
 def _find_mitsuba(peers: Peers, envmap: EnvironmentMap, resolution: int) -> None:

@@ -124,9 +124,9 @@ class StageMeasurement:
         return self.width * self.height if self.width and self.height else None
 
 
-def measure_limits(device: Device) -> Limits:
+def measure_limits(device: Device, copy_bytes: Sequence[int] = COPY_BYTES) -> Limits:
     """Measure the limits of ``device``: medians after a warm-up. Takes a few seconds."""
-    copies = {size: size / copy(device, size // 2)[1] for size in COPY_BYTES}
+    copies = {size: size / copy(device, size // 2)[1] for size in copy_bytes}
     result, seconds = multiply_add(device, STEPS)
     return Limits(copies, result.size * _chains(device) * STEPS / seconds, launch(device))
 

@@ -15,21 +15,24 @@ Hanrahan, An Efficient Representation for Irradiance Environment Maps (2001), eq
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from .. import checks
-from ..disc import check_resolution, disc_tiles
+from ..disc import check_resolution, disc_tiles, note_tiles
 from ..errors import LightdomeError
 from ..float_range import light_exponent, to_float32
 from ..maps.envmap import EnvironmentMap
+from ..maps.rotation import rotation_matrix
 from ..opencl import memory
 from ..opencl.device import Device
 from ..sampling.device_map import DeviceMap
 
 MAX_ORDER = 64  # float32 holds p_lm / sin^m(theta) up to about 90
 TERMS_PER_LAUNCH = 2**33  # pixels x coefficients, a second or so
+SEPARATE_CHANNELS = "separate channels", "harmonics of grey maps are computed as those in colour"
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,41 @@ class Harmonics:
         order = checks.whole("the order of harmonics", order, 0, 2**31 - 1)
         return checks.made(Harmonics, coefficients=self.coefficients[: (order + 1) ** 2])
 
+    def rotated(self, yaw: float, pitch: float = 0.0, roll: float = 0.0) -> Harmonics:
+        """The same light after the world turned, as :meth:`lightdome.EnvironmentMap.rotated` has it, to float64.
+
+        Of each degree l the rotated function is projected by a quadrature that is exact for it: Gauss and Legendre's
+        in y, equal steps in azimuth. Raises :class:`LightdomeError` for an angle that is not finite, and for an order
+        above 64.
+        """
+        matrix = rotation_matrix(yaw, pitch, roll)
+        order = self.order
+        if order > MAX_ORDER:
+            raise LightdomeError(f"the order of harmonics must be from 0 to {MAX_ORDER}, got {order}")
+        y, weight = np.polynomial.legendre.leggauss(order + 1)
+        phi = 2 * np.pi * np.arange(2 * order + 1) / (2 * order + 1)
+        radius = np.sqrt(1 - y * y)[:, None]
+        x, z = radius * np.cos(phi), radius * np.sin(phi)
+        before = np.stack([x, np.broadcast_to(y[:, None], x.shape), z], axis=-1).reshape(-1, 3) @ matrix
+        # The function before it turned, of each degree, at these directions.
+        value = np.zeros((order + 1, len(before), 3))
+        turn = np.outer(np.arange(order + 1), np.arctan2(before[:, 2], before[:, 0]))
+        cosine, sine = np.cos(turn), np.sin(turn)
+        for n, m, legendre in _legendre(order, before[:, 1], np.hypot(before[:, 0], before[:, 2])):
+            of_azimuth = np.outer(cosine[m], self.coefficients[n * n + n + m])
+            if m > 0:
+                of_azimuth += np.outer(sine[m], self.coefficients[n * n + n - m])
+            value[n] += legendre[:, None] * of_azimuth
+        value = value.reshape(order + 1, len(y), len(phi), 3)
+        weight = weight * 2 * np.pi / len(phi)
+        coefficients = np.empty_like(self.coefficients)
+        for n, m, legendre in _legendre(order, y, radius[:, 0]):
+            of_rows = np.tensordot(legendre * weight, value[n], 1)
+            coefficients[n * n + n + m] = np.cos(m * phi) @ of_rows
+            if m > 0:
+                coefficients[n * n + n - m] = np.sin(m * phi) @ of_rows
+        return checks.made(Harmonics, coefficients=coefficients)
+
 
 def clamped_cosine(order: int) -> np.ndarray:
     """A_l for l = 0 .. ``order``: pi, 2 pi / 3, pi / 4, 0, -pi / 24, ... (Ramamoorthi and Hanrahan, equation 8)."""
@@ -89,6 +127,8 @@ def project(device: Device, envmap: EnvironmentMap | DeviceMap, order: int = 2) 
     of_map = DeviceMap.of(device, envmap)
     order = checks.whole("the order of harmonics", order, 0, MAX_ORDER)
     height, width = of_map.height, of_map.width
+    device.decisions.use(*SEPARATE_CHANNELS)
+    device.decisions.skip(f"harmonics above order {order}", "they were not asked for")
     # m phi_x = pi m (2x + 1) / W, reduced to one turn as an integer.
     turn = np.arange(order + 1)[:, None] * (2 * np.arange(width) + 1) % (2 * width) * (np.pi / width)
     cosine = memory.upload(device, np.cos(turn).astype(np.float32))
@@ -108,17 +148,11 @@ def project(device: Device, envmap: EnvironmentMap | DeviceMap, order: int = 2) 
     weighted = memory.download(device, sums) * (of_map.solid_angles / of_map.scale)[:, None, None, None]
 
     theta = of_map.row_angles
-    a, b = _recurrence(order)
     coefficients = np.zeros(((order + 1) ** 2, 3))
-    for m in range(order + 1):
-        p, p_before = np.zeros(height), np.zeros(height)
-        for n in range(m, order + 1):
-            now = np.full(height, a[n, m]) if n == m else a[n, m] * np.cos(theta) * p - b[n, m] * p_before
-            p, p_before = now, p
-            y = now * np.sin(theta) ** m
-            coefficients[n * n + n + m] = y @ weighted[:, m, 0]
-            if m > 0:
-                coefficients[n * n + n - m] = y @ weighted[:, m, 1]
+    for n, m, legendre in _legendre(order, np.cos(theta), np.sin(theta)):
+        coefficients[n * n + n + m] = legendre @ weighted[:, m, 0]
+        if m > 0:
+            coefficients[n * n + n - m] = legendre @ weighted[:, m, 1]
     return checks.made(Harmonics, coefficients=coefficients)
 
 
@@ -146,6 +180,10 @@ def shade_harmonics(device: Device, harmonics: Harmonics, resolution: int = 511,
     table[:, 2:] *= albedo / np.pi
     pixels = device.vector_width
     tiles = disc_tiles(resolution, pixels, 1)
+    device.decisions.use(*SEPARATE_CHANNELS)
+    if order > 2:
+        device.decisions.skip("odd orders above 1", "the clamped cosine has none")
+    note_tiles(device.decisions, tiles, resolution, pixels, 1)
     tile_buffer = memory.upload(device, tiles)
     exponent = light_exponent(np.abs(table[:, 2:]).sum(axis=0).max())
     table[:, 2:] = np.ldexp(table[:, 2:], -exponent)
@@ -165,6 +203,17 @@ def shade_harmonics(device: Device, harmonics: Harmonics, resolution: int = 511,
     )
     result = memory.download(device, image)
     return to_float32(result, exponent) if exponent else result
+
+
+def _legendre(order: int, cosine: np.ndarray, sine: np.ndarray) -> Iterator[tuple[int, int, np.ndarray]]:
+    """Yield l, m >= 0 and Y_lm's function of the polar angle, p_lm sin^m(theta), (N,), for every l up to ``order``."""
+    a, b = _recurrence(order)
+    for m in range(order + 1):
+        p, p_before = np.zeros(len(cosine)), np.zeros(len(cosine))
+        for n in range(m, order + 1):
+            now = np.full(len(cosine), a[n, m]) if n == m else a[n, m] * cosine * p - b[n, m] * p_before
+            p, p_before = now, p
+            yield n, m, now * sine**m
 
 
 def _recurrence(order: int) -> tuple[np.ndarray, np.ndarray]:

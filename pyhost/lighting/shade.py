@@ -175,15 +175,17 @@ def _places(direction: np.ndarray) -> np.ndarray:
 def shade_samples(device: Device, samples: Samples, resolution: int = 511, albedo: float = 1.0) -> np.ndarray:
     """Light the sphere with one set of samples for all pixels: unbiased, its error the same everywhere.
 
-    Beyond some hundred samples a row of the map most share a pixel with others: then they are summed on a map, and
-    the image is that map's, as :func:`exact` makes it. See :func:`shade` for the image and the errors raised.
+    Beyond some hundred samples a row of the map most share a pixel with others: then those of centres are summed on a
+    map, and the image is that map's, as :func:`exact` makes it. See :func:`shade` for the image and the errors raised.
     """
     checks.instance("the device", device, Device)
     checks.instance("samples", samples, Samples)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
     height, width = samples.map_shape
     a_light_each, why = "a light for each sample", f"there are fewer than {SAMPLES_PER_ROW} per row of the map"
-    if len(samples) >= SAMPLES_PER_ROW * height:
+    if samples.within == "pixel":
+        why = "they lie anywhere in their pixels"
+    elif len(samples) >= SAMPLES_PER_ROW * height:
         index = samples.pixel[:, 1].astype(np.int64) * width + samples.pixel[:, 0]
         flux = np.stack([np.bincount(index, of_channel, height * width) for of_channel in samples.flux.T], axis=1)
         radiance = flux.reshape(height, width, 3) / solid_angles(height, width)[:, None, None]

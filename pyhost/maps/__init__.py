@@ -1,3 +1,19 @@
-"""An environment map on the host: image files, its checked radiance, where its pixels lie, and its projections."""
+"""An environment map on the host: image files, the map, its pixels' geometry and projection, and what is in it."""
 
-from .conversion import convert as convert
+from __future__ import annotations
+
+from importlib import import_module
+
+TYPE_CHECKING = False
+
+if TYPE_CHECKING:
+    from .analysis import analyse, split_sun  # noqa: F401
+    from .conversion import convert  # noqa: F401
+else:
+
+    def __getattr__(name: str) -> object:
+        # When first used: the geometry alone needs no image library.
+        home = {"analyse": "analysis", "split_sun": "analysis", "convert": "conversion"}.get(name)
+        if home:
+            return getattr(import_module(f".{home}", __name__), name)
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -16,10 +16,13 @@ import numpy as np
 from .. import checks
 from ..errors import LightdomeError
 from ..float_range import LARGEST, LARGEST_HALF
+from .conventions import yaw_between
 from .conversion import check_fits, convert, detected
 from .geometry import row_angles
 from .images import ImageRows, read_image
 from .projections import PROJECTIONS
+from .resample import resample
+from .rotation import rotation_matrix, whole_columns
 
 SANITIZE = ("black", "clamp")
 
@@ -82,6 +85,7 @@ class EnvironmentMap:
         layer: str | None = None,
         flip: bool = False,
         projection: str | None = None,
+        convention: str = "lightdome",
     ) -> EnvironmentMap:
         """Read a PFM, EXR or Radiance HDR file; ``sanitize`` as for the class, but the type is the file's.
 
@@ -90,10 +94,14 @@ class EnvironmentMap:
         With ``flip`` the file's rows are taken in reverse, as where it was written upside down. ``projection`` names
         the file's, of :data:`lightdome.maps.projections.PROJECTIONS`; by default
         :func:`lightdome.maps.conversion.detected` finds it. What is in another than latitude and longitude is resampled
-        to that, with about as many pixels, and ``notes`` say so. Raises :class:`LightdomeError` where the file cannot
-        be read, does not fit its projection or holds bad pixels.
+        to that, with about as many pixels, and ``notes`` say so. ``convention`` is that of the program for which a
+        latitude-longitude file was made, see :mod:`lightdome.maps.conventions`. Raises :class:`LightdomeError` where
+        the file cannot be read, does not fit its projection or holds bad pixels.
         """
-        read = read_projected(path, sanitize=sanitize, layer=layer, flip=flip, projection=projection)
+        yaw_between(convention, "lightdome")  # before work that would be for nothing
+        read = read_projected(
+            path, sanitize=sanitize, layer=layer, flip=flip, projection=projection, convention=convention
+        )
         radiance, peak, notes = read.radiance, read.peak, read.notes
         if read.projection != "latlong":
             radiance = convert(radiance, read.projection)
@@ -102,7 +110,7 @@ class EnvironmentMap:
         result = object.__new__(cls)
         # Nobody else has what was read: it is not copied.
         result._set(radiance, peak, read.replaced, notes)
-        return result
+        return result.to_convention("lightdome", from_=convention)
 
     def _take(self, radiance: np.ndarray, inspection: Inspection, name: str) -> None:
         if 0 in radiance.shape:
@@ -116,6 +124,39 @@ class EnvironmentMap:
         fields = {"radiance": radiance, "peak": peak, "replaced": replaced, "notes": notes}
         for field, value in fields.items():
             object.__setattr__(self, field, value)
+
+    def rotated(self, yaw: float, pitch: float = 0.0, roll: float = 0.0) -> EnvironmentMap:
+        """The map after the world turned, by angles in degrees: :func:`lightdome.maps.rotation.rotation_matrix`.
+
+        A yaw by whole columns moves the pixels as they are. Every other rotation resamples them and keeps the flux.
+        Raises :class:`LightdomeError` for an angle that is not finite.
+        """
+        matrix = rotation_matrix(yaw, pitch, roll)
+        columns = whole_columns(self.width, matrix)
+        if columns == 0:
+            return self
+        if columns is not None:
+            return self._of_radiance(np.roll(self.radiance, columns, axis=1))
+        latlong = PROJECTIONS["latlong"]
+        return self._of_radiance(resample(self.radiance, latlong, latlong, self.radiance.shape[:2], matrix))
+
+    def mirrored(self) -> EnvironmentMap:
+        """The map with its columns in reverse: light from (x, y, z) comes from (x, y, -z)."""
+        return self._of_radiance(np.ascontiguousarray(self.radiance[:, ::-1]))
+
+    def to_convention(self, name: str, from_: str = "lightdome") -> EnvironmentMap:
+        """The map as ``name`` reads it, to light a scene there as lightdome does with this one.
+
+        ``from_`` is the convention that this map has now. Both are of :mod:`lightdome.maps.conventions`. The pixels
+        stay as they are where the width can be divided by 4, or by 2 for a half turn; else it is :meth:`rotated`.
+        Raises :class:`LightdomeError` for an unknown convention.
+        """
+        return self.rotated(yaw_between(from_, name))
+
+    def _of_radiance(self, radiance: np.ndarray) -> EnvironmentMap:
+        """The same map with other pixels, ours."""
+        peak = float(radiance.max())
+        return checks.made(EnvironmentMap, radiance=radiance, peak=peak, replaced=self.replaced, notes=self.notes)
 
     @cached_property
     def is_grey(self) -> bool:
@@ -164,8 +205,9 @@ def read_projected(
     layer: str | None = None,
     flip: bool = False,
     projection: str | None = None,
+    convention: str = "lightdome",
 ) -> Projected:
-    """What :meth:`EnvironmentMap.read` reads, before it is resampled; pixels that are not used are 0."""
+    """What :meth:`EnvironmentMap.read` reads, before it is resampled or turned; pixels that are not used are 0."""
     inspection = Inspection(sanitize)
     if checks.optional_text("projection", projection) is not None:
         checks.choice("projection", projection, PROJECTIONS)
@@ -178,6 +220,11 @@ def read_projected(
         notes = (*notes, note) if note else notes
     fitting = check_fits(projection, radiance.shape[:2], str(path))
     if projection != "latlong":
+        if convention != "lightdome":
+            raise LightdomeError(
+                f"{path} is taken as {projection}, and conventions are of latitude-longitude maps; leave out"
+                f" --convention {convention} and turn the map with --rotate"
+            )
         inspection.solid_angles = fitting.solid_angles(radiance.shape[:2])
         radiance[inspection.solid_angles == 0] = 0
     radiance = inspection.mended(radiance)

@@ -83,6 +83,7 @@ class ImageRows:
             self.is_cube = source.is_cube
             self._together = source.together
             fitting = BATCH_VALUES // (source.columns * 3)
+        self._columns: np.ndarray | None = None
         if batch is not None:
             checks.whole("a batch", batch, 1, 2**31 - 1)
         self.batch = batch or max(fitting - fitting % self._together, self._together)
@@ -102,9 +103,26 @@ class ImageRows:
         if rows.dtype.kind == "f" or not inside:
             raise LightdomeError(f"rows must be ascending whole numbers from 0 to {self.height - 1}")
         last = self.height - 1
-        if not self.flip:
-            return self._read(rows)
-        return ((last - batch[::-1], pixels[::-1]) for batch, pixels in self._read(last - rows[::-1].astype(np.int64)))
+        if self.flip:
+            read = self._read(last - rows[::-1].astype(np.int64))
+            batches = ((last - batch[::-1], pixels[::-1]) for batch, pixels in read)
+        else:
+            batches = self._read(rows)
+        if self._columns is None:
+            return batches
+        return ((batch, pixels[:, self._columns]) for batch, pixels in batches)
+
+    def reorder(self, columns: np.ndarray) -> None:
+        """Let :meth:`read` yield the file's columns in the order of ``columns``, (W,) numbers.
+
+        Raises :class:`LightdomeError` where these are not all columns, each once.
+        """
+        columns = checks.array("columns", columns, (self.width,))
+        in_file = np.arange(self.width)
+        if not np.array_equal(np.sort(columns), in_file):
+            raise LightdomeError(f"columns must hold each number from 0 to {self.width - 1} once")
+        # Each batch is copied where columns move.
+        self._columns = None if np.array_equal(columns, in_file) else columns.astype(np.int64)
 
     def _read(self, rows: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """The same of the file's own rows, from the top as it says."""

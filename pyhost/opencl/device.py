@@ -14,7 +14,6 @@ import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -31,11 +30,10 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # pyopencl tells of optional packages that lightdome never uses
     import pyopencl as cl
 
-from .launch import launch
+from .launch import launch as launch_kernel
 from .profile import Profile
 from .programs import Kernel, Programs, check_process
 from .rates import Rates
-from .signature import Argument
 
 PROBE_SECONDS = 60.0
 FAILURE_SECONDS = 86400.0  # for which a failure is remembered where another device works
@@ -91,35 +89,7 @@ class Device:
         """The kernel ``name`` of the source file ``clkernels/name.cl``, built once per set of ``defines``."""
         return self.programs.kernel(name, **defines)
 
-    def launch(
-        self,
-        name: str,
-        size: tuple[int, ...],
-        /,
-        *,
-        stage: str | None = None,
-        defines: Mapping[str, int] | None = None,
-        group: int | None = None,
-        step: int | None = None,
-        progress: str | None = None,
-        **arguments: Argument,
-    ) -> None:
-        """Launch the kernel ``name``, as ``sampling/guide``, over ``size`` work-items; it may still run on return.
-
-        ``arguments`` have the names of the kernel's own signature and are cast to its types: arrays on the device for
-        pointers, numbers, and sequences of numbers for vectors. What the kernel works on is kept until it is done.
-
-        - ``stage``: its name in the profile, else the kernel's
-        - ``defines``: what the kernel is built with
-        - ``group``: work-items per group, for a kernel whose work-items do little and ignore those beyond their number
-        - ``step``: work-items per launch, see :meth:`items_per_launch`; several launches run one after the other, and
-          the line ``progress`` says how far they are
-
-        Raises ``TypeError`` for arguments that are not those of the kernel, ``ValueError`` for an empty size, for a
-        group in more than one dimension and for a step that is no multiple of the group, and :class:`LightdomeError`
-        if the device's compiler refuses the kernel, or in a forked process.
-        """
-        launch(self, name, size, arguments, stage, defines or {}, group, step, progress)
+    launch = launch_kernel
 
     def wait(self) -> None:
         """Wait until all that was launched is done."""
@@ -235,18 +205,13 @@ def _matches(asked: str, candidate: _Candidate) -> bool:
 
     of_platform = (platform.name, platform.vendor, platform.version)
     of_device = (device.name, device.vendor, device.version, device.driver_version)
-    first, colon, second = asked.partition(":")
-    if colon and any(
-        _plain(asked) in _plain(name) for name in (*of_platform, *of_device, whole)
-    ):  # a name with a colon
-        return True
-    if " " in asked and _plain(_listed(candidate)).startswith(_plain(asked)):
-        return True
-    if not colon:
-        return one(asked, candidate.platform, *of_platform) or (
-            not asked.isdecimal() and one(asked, candidate.index, *of_device)
-        )
-    return one(first, candidate.platform, *of_platform) and one(second, candidate.index, *of_device)
+    first, _, second = asked.partition(":")
+    return (
+        # A name may have a colon of its own.
+        (not asked.isdecimal() and any(_plain(asked) in _plain(name) for name in (*of_platform, *of_device, whole)))
+        or (" " in asked and _plain(_listed(candidate)).startswith(_plain(asked)))
+        or (one(first, candidate.platform, *of_platform) and (not second or one(second, candidate.index, *of_device)))
+    )
 
 
 def _listed(candidate: _Candidate) -> str:

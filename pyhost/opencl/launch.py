@@ -1,4 +1,4 @@
-"""The one way to launch a kernel, see :meth:`lightdome.opencl.device.Device.launch`."""
+"""The one way to launch a kernel: :meth:`lightdome.opencl.device.Device.launch`."""
 
 from __future__ import annotations
 
@@ -18,16 +18,32 @@ def launch(
     device: Device,
     name: str,
     size: tuple[int, ...],
-    arguments: Mapping[str, Argument],
-    stage: str | None,
-    defines: Mapping[str, int],
-    group: int | None,
-    step: int | None,
-    progress: str | None,
+    /,
+    *,
+    stage: str | None = None,
+    defines: Mapping[str, int] | None = None,
+    group: int | None = None,
+    step: int | None = None,
+    progress: str | None = None,
+    **arguments: Argument,
 ) -> None:
-    """Launch the kernel ``name``; see :meth:`lightdome.opencl.device.Device.launch` for the arguments."""
+    """Launch the kernel ``name``, as ``sampling/guide``, over ``size`` work-items; it may still run on return.
+
+    ``arguments`` have the names of the kernel's own signature and are cast to its types: arrays on the device for
+    pointers, numbers, and sequences of numbers for vectors. What the kernel works on is kept until it is done.
+
+    - ``stage``: its name in the profile, else the kernel's
+    - ``defines``: what the kernel is built with
+    - ``group``: work-items per group, for a kernel whose work-items do little and ignore those beyond their number
+    - ``step``: work-items per launch, see :meth:`lightdome.opencl.device.Device.items_per_launch`; several launches
+      run one after the other, and the line ``progress`` says how far they are
+
+    Raises ``TypeError`` for arguments that are not those of the kernel, ``ValueError`` for an empty size, for a
+    group in more than one dimension and for a step that is no multiple of the group, and :class:`LightdomeError`
+    if the device's compiler refuses the kernel, or in a forked process.
+    """
     _check(name, size, group, step)
-    kernel = device.kernel(name, **defines)
+    kernel = device.kernel(name, **(defines or {}))
     stage = stage or name.rpartition("/")[2]
     arrays = [value for value in arguments.values() if isinstance(value, DeviceArray)]
     local: tuple[int, ...] | None
@@ -39,13 +55,13 @@ def launch(
         local = None if device.is_gpu else (1,) * len(size)
     length, *across = size
     step = step or length
-    with Progress(progress) if progress else contextlib.nullcontext() as line:
+    with Progress(progress) if progress and step < length else contextlib.nullcontext() as line:
         for begin in range(0, length, step):
             end = min(begin + step, length)
             offset = (begin, *(0 for _ in across))
             event = kernel(device.queue, (end - begin, *across), local, global_offset=offset, **arguments)
             device.profile.record(stage, event, arrays)
-            if line and step < length:
+            if line:
                 device.wait()
                 line.update(end / length)
 

@@ -28,7 +28,7 @@ class DeviceArray:
     is_read_only: bool = False  # uploaded: a kernel that wrote to it would write to the caller's own array
 
 
-def upload(device: Device, array: np.ndarray, stage: str = "upload") -> DeviceArray:
+def upload(device: Device, array: np.ndarray) -> DeviceArray:
     """Make ``array`` readable for kernels, which cannot write to it.
 
     Leave ``array`` unchanged until all that reads it is done: shared memory is not copied, and a copy to a device with
@@ -42,7 +42,7 @@ def upload(device: Device, array: np.ndarray, stage: str = "upload") -> DeviceAr
         return DeviceArray(_buffer(device, flags, array.nbytes, array), array.shape, array.dtype, array, True)
     device.decisions.use("copies between host and device", "the device has a memory of its own")
     buffer = _buffer(device, flags, array.nbytes, None)
-    device.profile.record(stage, cl.enqueue_copy(device.queue, buffer, array, is_blocking=False), array)
+    device.profile.record("upload", cl.enqueue_copy(device.queue, buffer, array, is_blocking=False), array)
     return DeviceArray(buffer, array.shape, array.dtype, None, True)
 
 
@@ -61,10 +61,8 @@ def empty(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceAr
 
 def _aligned(shape: tuple[int, ...], kind: np.dtype) -> np.ndarray:
     """An empty array that begins at a cache line, as vectors of 16 must."""
-    size = math.prod(shape) * kind.itemsize
-    memory = np.empty(size + CACHE_LINE, np.uint8)
-    start = -memory.ctypes.data % CACHE_LINE
-    return memory[start : start + size].view(kind).reshape(shape)
+    memory = np.empty(math.prod(shape) * kind.itemsize + CACHE_LINE, np.uint8)
+    return np.ndarray(shape, kind, memory, -memory.ctypes.data % CACHE_LINE)
 
 
 # No index overflows before a buffer is refused here, or by the host. Kernels count columns, rows and lights in 32 bits:
@@ -109,16 +107,16 @@ def full(device: Device, shape: int | tuple[int, ...], value: float, dtype: type
     return array
 
 
-def download(device: Device, array: DeviceArray, stage: str = "download") -> np.ndarray:
+def download(device: Device, array: DeviceArray) -> np.ndarray:
     """The values of ``array`` once all kernels before have run; shared memory is not copied."""
     device.programs.check_process()
     if array.host is not None:
         mapped, event = cl.enqueue_map_buffer(
             device.queue, array.buffer, cl.map_flags.READ, 0, array.shape, array.dtype
         )
-        device.profile.record(stage, event)
-        device.profile.record(stage, mapped.base.release(device.queue), array)
+        device.profile.record("download", event)
+        device.profile.record("download", mapped.base.release(device.queue), array)
         return array.host
     result = np.empty(array.shape, array.dtype)
-    device.profile.record(stage, cl.enqueue_copy(device.queue, result, array.buffer))
+    device.profile.record("download", cl.enqueue_copy(device.queue, result, array.buffer))
     return result

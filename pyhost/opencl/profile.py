@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import pyopencl as cl
+import pyopencl as cl
 
 PENDING = 64  # commands that may be under way: so many events are kept, and what their commands work on
 
@@ -23,7 +21,6 @@ class Profile:
 
     def record(self, stage: str, event: cl.Event, *kept: object) -> None:
         """Count ``event`` as a part of ``stage``; ``kept`` stays alive until it is complete."""
-        self._nanoseconds.setdefault(stage, 0)
         self._pending.append((stage, event, kept))
         while self._pending and (len(self._pending) > PENDING or self._pending[0][1].command_execution_status <= 0):
             self._settle_oldest()
@@ -37,8 +34,9 @@ class Profile:
         stage, event, kept = self._pending.popleft()
         event.wait()
         del kept  # not before
-        times = event.profile
-        self._nanoseconds[stage] += times.end - times.start
+        # Much quicker than event.profile.end.
+        end, start = map(event.get_profiling_info, (cl.profiling_info.END, cl.profiling_info.START))
+        self._nanoseconds[stage] = self._nanoseconds.get(stage, 0) + end - start
 
     def seconds(self) -> dict[str, float]:
         """The device time of each stage in seconds; waits for what is still running."""

@@ -17,7 +17,8 @@ import pyopencl as cl
 
 from .memory import DeviceArray
 
-Argument = DeviceArray | SupportsFloat | SupportsIndex | Sequence[float] | np.ndarray
+Argument = DeviceArray | SupportsFloat | SupportsIndex | Sequence[float] | np.ndarray | None
+# None is a null pointer, for what the kernel does not read as it was built.
 
 _SIZES = {"char": 1, "short": 2, "int": 4, "long": 8}  # bytes
 _INTEGERS = {
@@ -45,9 +46,11 @@ class Parameter:
     lanes: int
     is_writable: bool = False
 
-    def cast(self, value: Argument) -> cl.Buffer | np.generic | np.ndarray:
+    def cast(self, value: Argument) -> cl.Buffer | np.generic | np.ndarray | None:
         """What pyopencl takes for ``value``. Raises ``TypeError`` for a value that this parameter cannot be."""
         if self.is_pointer:
+            if value is None and not self.is_writable:
+                return None
             if not isinstance(value, DeviceArray):
                 raise TypeError(f"must be an array on the device, got {type(value).__name__}")
             if self.dtype is not None and self.dtype != value.dtype:
@@ -81,7 +84,7 @@ class Signature:
     kernel: str
     parameters: tuple[Parameter, ...]
 
-    def bind(self, arguments: Mapping[str, Argument]) -> list[cl.Buffer | np.generic | np.ndarray]:
+    def bind(self, arguments: Mapping[str, Argument]) -> list[cl.Buffer | np.generic | np.ndarray | None]:
         """``arguments`` in order, each as its parameter's type. Raises ``TypeError`` where they do not fit."""
         bound = []
         for parameter in self.parameters:

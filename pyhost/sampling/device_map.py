@@ -15,6 +15,8 @@ from ..opencl import memory
 from ..opencl.device import Device
 from ..opencl.memory import DeviceArray
 
+BORDER = 2e-7  # radians that directions stay away from the borders of their rows: what float32 could carry across
+
 
 @dataclass(frozen=True)
 class DeviceMap:
@@ -22,12 +24,14 @@ class DeviceMap:
 
     - ``scale``: a power of two that keeps sums over the map inside float32's range
     - ``row_angles``: polar angles of its rows, (H,) float64; a band of a larger map has those of its own rows
+    - ``row_angle``: the angle from a row to the next, radians
     """
 
     device: Device
     envmap: EnvironmentMap
     scale: float
     row_angles: np.ndarray
+    row_angle: float
 
     @classmethod
     def of(cls, device: Device, envmap: EnvironmentMap | DeviceMap) -> DeviceMap:
@@ -41,7 +45,7 @@ class DeviceMap:
         if isinstance(envmap, DeviceMap):
             envmap = envmap.envmap
         checks.instance("the map", envmap, EnvironmentMap)
-        return cls(device, envmap, range_scale(envmap.peak), row_angles(envmap.height))
+        return cls(device, envmap, range_scale(envmap.peak), row_angles(envmap.height), np.pi / envmap.height)
 
     def upload(self) -> None:
         """Make now what all samplers read, and not with the first samples."""
@@ -77,6 +81,12 @@ class DeviceMap:
     def phi(self) -> DeviceArray:
         """(sin, cos) of every column's azimuth, (W, 2) float32."""
         return memory.upload(self.device, sine_cosine(column_angles(self.width)))
+
+    @cached_property
+    def row_versines(self) -> DeviceArray:
+        """1 - cos of the polar angles between which directions of each row are placed, (H, 2) uint64, in 2^-62."""
+        half = self.row_angle / 2 - min(BORDER, self.row_angle / 8)
+        return memory.upload(self.device, versines(self.row_angles[:, None] + np.array([-half, half])))
 
     @cached_property
     def edge(self) -> DeviceArray:
@@ -117,6 +127,12 @@ class DeviceMap:
 def upload_sines(device: Device, angles: np.ndarray) -> DeviceArray:
     """The sines of ``angles``, which are float64, as float32."""
     return memory.upload(device, np.sin(angles).astype(np.float32))
+
+
+def versines(angles: np.ndarray) -> np.ndarray:
+    """1 - cos(theta) of polar angles in units of 2^-62, uint64: near both poles to the last digits of 1 - |cos|."""
+    of_nearer_pole = np.round(np.sin(np.minimum(angles, np.pi - angles) / 2) ** 2 * 2.0**63).astype(np.uint64)
+    return np.where(angles <= np.pi / 2, of_nearer_pole, np.uint64(2**63) - of_nearer_pole)
 
 
 def range_scale(peak: float) -> float:

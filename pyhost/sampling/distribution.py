@@ -15,6 +15,7 @@ import numpy as np
 from .. import __version__, checks
 from ..errors import LightdomeError
 from ..maps.envmap import EnvironmentMap
+from ..names import WITHIN
 from ..opencl.device import Device
 from .cdf import MapCDF, build_cdf
 from .device_map import DeviceMap
@@ -50,16 +51,22 @@ class Distribution:
         per_sine = self.map.solid_angles[0] / np.sin(self.map.row_angles[0])
         return self.total / self.map.scale / 3 * per_sine
 
-    def sample(self, count: int, seed: int = 0, sequence: str = "independent") -> Samples:
+    def sample(self, count: int, seed: int = 0, sequence: str = "independent", within: str = "centre") -> Samples:
         """Draw ``count`` samples. The same ``seed`` gives the same samples on every device.
 
         ``sequence`` is what the points are (``clkernels/common/sequence.clh``): ``independent``, ``stratified``
         in cells of equal area for any count, ``sobol`` with Owen's scramble, or the lattice ``r2``. The
         first n of more samples are the samples of n, except for ``stratified``.
 
-        Raises :class:`LightdomeError` if the map is black, or for an invalid count, seed or sequence.
+        A point u = (across, down) of the sequence becomes a sample in two steps. ``down`` picks a row by the CDF over
+        rows, and ``across`` a pixel of it by the row's CDF. Then ``within="centre"`` takes the direction of the
+        pixel's centre. ``within="pixel"`` takes one in it, evenly over its solid angle, by where in their steps of the
+        CDFs the numbers lie: phi goes with ``across`` through the column, cos(theta) with ``down`` through the row.
+        Both draw the same pixels, with the same probabilities.
+
+        Raises :class:`LightdomeError` if the map is black, or for an invalid count, seed, sequence or ``within``.
         """
-        return self._sample(sequence_points(count, seed, sequence), sequence, seed)
+        return self._sample(sequence_points(count, seed, sequence), sequence, seed, within)
 
     def sample_pixels(self, count: int, seed: int = 0, sequence: str = "independent") -> tuple[np.ndarray, np.ndarray]:
         """The ``pixel`` (N, 2) int32 and ``probability`` (N,) float32 of :meth:`sample` alone, in half the time.
@@ -71,27 +78,56 @@ class Distribution:
         pixels = drawn(self.map, self.cdf, points, PIXELS)
         return pixels["pixel"], pixels["probability"]
 
-    def sample_at(self, points: np.ndarray) -> Samples:
+    def sample_at(self, points: np.ndarray, within: str = "centre") -> Samples:
         """The samples at given ``points``, (N, 2) in [0, 1): column 0 picks x within a row, column 1 picks y.
 
-        Points are used to 32 bits. Raises :class:`LightdomeError` for points outside [0, 1).
+        This is how to draw from your own uniform numbers; :meth:`sample` says what becomes of a point. The first 32
+        bits of a number pick a pixel, and the place in it depends on the bits below too: give float64.
+        Raises :class:`LightdomeError` for points outside [0, 1), and as :meth:`sample` does.
         """
         points = checks.array("points", points, ("N", 2), np.float64)
         if len(points) == 0:
             raise LightdomeError("points must have shape (N, 2) with N at least 1, got (0, 2)")
         if not ((points >= 0) & (points < 1)).all():
             raise LightdomeError("points must lie in [0, 1)")
-        return self._sample(given_points(self.device, points), "given", 0)
+        return self._sample(given_points(self.device, points), "given", 0, within)
 
-    def _sample(self, points: Points, sequence: str, seed: int) -> Samples:
+    def pdf(self, directions: np.ndarray) -> np.ndarray:
+        """The density per steradian at ``directions``, unit vectors (N, 3): (N,) float64.
+
+        It is that of samples with ``within="pixel"``: p(x, y) / solid angle of the pixel that a direction lies in,
+        which is I / Phi. Over the sphere it integrates to 1.
+        Raises :class:`LightdomeError` if the map is black, or for directions that are no unit vectors.
+        """
+        w_x, w_y, w_z = checks.unit_vectors("directions", directions, np.float64).T
+        self._check_light()
+        y = np.arctan2(np.hypot(w_x, w_z), w_y) * (self.envmap.height / np.pi)
+        x = np.arctan2(w_z, w_x) * (self.envmap.width / (2 * np.pi)) % self.envmap.width
+        pixel = tuple(
+            np.minimum(i.astype(np.int64), n - 1) for i, n in ((y, self.envmap.height), (x, self.envmap.width))
+        )
+        return self.envmap.radiance[pixel].sum(axis=1, dtype=np.float64) / (3 * self.flux)
+
+    def probability_image(self) -> np.ndarray:
+        """p(x, y) of every pixel, (H, W) float64; its sum is 1.
+
+        Raises :class:`LightdomeError` if the map is black.
+        """
+        self._check_light()
+        weight = self.envmap.radiance.sum(axis=2, dtype=np.float64) * np.sin(self.map.row_angles)[:, None]
+        return weight / weight.sum()
+
+    def _sample(self, points: Points, sequence: str, seed: int, within: str) -> Samples:
+        checks.choice("place within a pixel", within, WITHIN)
         self._check_light()
         return checks.made(
             Samples,
-            **drawn(self.map, self.cdf, points),
+            **drawn(self.map, self.cdf, points, within=within),
             map_shape=(self.envmap.height, self.envmap.width),
             sequence=sequence,
             seed=seed,
             version=__version__,
+            within=within,
         )
 
     def _check_light(self) -> None:

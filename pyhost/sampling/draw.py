@@ -1,6 +1,6 @@
 """Draw samples from a map by a CDF of it, at the points of a sequence or at given ones.
 
-Kernels: ``sample.cl``, ``sample_at.cl``, ``sample_pixels.cl``, and each with guide tables.
+Kernels: ``sample.cl``, ``sample_pixels.cl``, and each with guide tables.
 """
 
 from __future__ import annotations
@@ -39,13 +39,18 @@ PIXELS = ("pixel", "probability")  # the outputs of sample_pixels.cl
 class Points:
     """``count`` points in the unit square that samples are made from; :func:`sequence_points` and :func:`given_points`.
 
-    ``kernel`` draws from them, built with ``defines``; ``arguments`` are those that the points need.
+    ``sequence`` makes them from ``key``, a Philox key, unless they are ``given``, (count, 2) uint64.
     """
 
     count: int
-    kernel: str
-    defines: Mapping[str, int]
-    arguments: Mapping[str, Argument]
+    sequence: str
+    key: np.ndarray
+    given: DeviceArray | None = None
+
+    @property
+    def defines(self) -> dict[str, int]:
+        """What kernels are built with."""
+        return {f"SEQUENCE_{self.sequence.upper()}": 1}
 
 
 def sequence_points(count: int, seed: int, sequence: str) -> Points:
@@ -53,13 +58,14 @@ def sequence_points(count: int, seed: int, sequence: str) -> Points:
     key = philox_key(seed)
     checks.choice("sequence", sequence, SEQUENCES)
     count = checks.whole("the number of samples", count, 1, MAX_COUNT)
-    return Points(count, "sample", {f"SEQUENCE_{sequence.upper()}": 1}, {"seed": key})
+    return Points(count, sequence, key)
 
 
 def given_points(device: Device, points: np.ndarray) -> Points:
-    """``points`` (N, 2) in [0, 1), to 32 bits."""
-    bits = np.floor(points * 2.0**32).astype(np.uint32)
-    return Points(len(bits), "sample_at", {}, {"points": memory.upload(device, bits)})
+    """``points`` (N, 2): numbers in [0, 1), or uint64 fractions of 2^64."""
+    if points.dtype != np.uint64:
+        points = np.floor(points * 2.0**64).astype(np.uint64)
+    return Points(len(points), "given", philox_key(0), memory.upload(device, points))
 
 
 def philox_key(seed: int) -> np.ndarray:
@@ -79,12 +85,20 @@ def room_for(device: Device, count: int, outputs: Iterable[str] = OUTPUTS) -> di
     return {name: memory.empty(device, (count, *shape), kind) for name, (shape, kind) in kinds.items()}
 
 
-def draw(of_map: DeviceMap, cdf: MapCDF, points: Points, outputs: Mapping[str, DeviceArray]) -> None:
-    """Draw a sample at each of ``points`` and write ``outputs``: all of OUTPUTS, or for a sequence PIXELS."""
+def draw(
+    of_map: DeviceMap, cdf: MapCDF, points: Points, outputs: Mapping[str, DeviceArray], within: str = "centre"
+) -> None:
+    """Draw a sample at each of ``points`` and write ``outputs``: all of OUTPUTS, or PIXELS; ``within`` is of WITHIN."""
     device, count = of_map.device, points.count
     results = {"sample_radiance" if name == "radiance" else name: array for name, array in outputs.items()}
-    kernel = points.kernel if "direction" in outputs else "sample_pixels"
-    angles = {"theta": of_map.theta, "phi": of_map.phi} if "direction" in outputs else {"theta": of_map.theta}
+    kernel = "sample" if "direction" in outputs else "sample_pixels"
+    defines: dict[str, int] = {}
+    angles: dict[str, Argument] = {"theta": of_map.theta}
+    if "direction" in outputs:
+        angles |= {"phi": of_map.phi, "row_versines": None}
+        if within == "pixel":
+            defines["WITHIN_PIXEL"] = 1
+            angles["row_versines"] = of_map.row_versines
     weights: dict[str, Argument] = {"radiance": of_map.radiance, "scale": of_map.scale}
     guided: Mapping[str, Argument] = {}
     if is_guided(count, of_map):
@@ -101,7 +115,7 @@ def draw(of_map: DeviceMap, cdf: MapCDF, points: Points, outputs: Mapping[str, D
         f"sampling/{kernel}",
         (-(-count // block),),
         stage="search",
-        defines={"BLOCK": block, **points.defines},
+        defines={"BLOCK": block, **points.defines, **defines},
         step=device.items_per_launch(SAMPLES_PER_LAUNCH, block),
         progress="sampling",
         row_cdf=cdf.rows,
@@ -113,13 +127,16 @@ def draw(of_map: DeviceMap, cdf: MapCDF, points: Points, outputs: Mapping[str, D
         height=of_map.height,
         inverse_total=1 / cdf.total,
         count=count,
-        **points.arguments,
+        seed=points.key,
+        points=points.given,
         **results,
     )
 
 
-def drawn(of_map: DeviceMap, cdf: MapCDF, points: Points, outputs: Iterable[str] = OUTPUTS) -> dict[str, np.ndarray]:
+def drawn(
+    of_map: DeviceMap, cdf: MapCDF, points: Points, outputs: Iterable[str] = OUTPUTS, within: str = "centre"
+) -> dict[str, np.ndarray]:
     """``outputs`` of the samples at ``points``, on the host."""
     arrays = room_for(of_map.device, points.count, outputs)
-    draw(of_map, cdf, points, arrays)
+    draw(of_map, cdf, points, arrays, within)
     return {name: memory.download(of_map.device, array) for name, array in arrays.items()}

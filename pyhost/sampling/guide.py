@@ -48,12 +48,14 @@ class Guide:
         }
 
 
-def build_guide(device: Device, row_cdf: DeviceArray, marginal_cdf: DeviceArray) -> Guide:
+def build_guide(
+    device: Device, row_cdf: DeviceArray, marginal_cdf: DeviceArray, max_buckets: int = MAX_BUCKETS
+) -> Guide:
     """Guide tables for a map's CDFs (H, W) and (H,), see :class:`lightdome.sampling.cdf.MapCDF`."""
     height, width = row_cdf.shape
 
     def table(cdf: DeviceArray, count: int, n: int, buckets: float) -> tuple[DeviceArray, DeviceArray, int]:
-        bits = max(1, math.ceil(math.log2(min(n * buckets, MAX_BUCKETS / count))))
+        bits = max(1, math.ceil(math.log2(min(n * buckets, max_buckets / count))))
         guide = memory.empty(device, (count, 2**bits, 2), np.uint32)
         total = memory.empty(device, count, np.uint32)
         shift = 32 - bits

@@ -17,6 +17,7 @@ from ..errors import LightdomeError, one_line
 from ..files import replacing
 from ..maps.geometry import column_angles, directions, row_angles, solid_angles
 from ..names import SEQUENCES as SEQUENCES
+from ..names import WITHIN
 
 MAX_SAMPLES = 2**27  # what a file may hold; 44 bytes each
 MAX_INFLATION = 64  # `save` packs nothing; what others packed is far from this, but a bomb is not
@@ -31,7 +32,8 @@ class Samples:
     - ``radiance``: (N, 3) float32, of the chosen pixels
     - ``probability``: (N,) float32, the discrete p(x, y) of the chosen pixels
     - ``pixel``: (N, 2) int32, (x, y)
-    - ``sequence``, ``seed``, ``version``: what drew them; the same three draw them again
+    - ``sequence``, ``seed``, ``version``: what drew them; the same three and ``within`` draw them again
+    - ``within``: where the directions lie: at the ``centre`` of the chosen pixels, or anywhere in the ``pixel``
 
     The arrays are read-only. ``Samples(...)`` copies them and raises :class:`LightdomeError` where they contradict
     each other.
@@ -45,6 +47,7 @@ class Samples:
     sequence: str = "independent"
     seed: int = 0
     version: str = __version__
+    within: str = WITHIN[0]
 
     def __post_init__(self) -> None:
         pixel = checks.array("pixel", self.pixel, ("N", 2))
@@ -65,6 +68,7 @@ class Samples:
         for name in ("sequence", "version"):
             if not isinstance(getattr(self, name), str):
                 raise LightdomeError(f"{name} must be a string, got {checks.told(getattr(self, name))}")
+        checks.choice("place within a pixel", self.within, WITHIN)
         _check(self)
         object.__setattr__(self, "pixel", checks.array("pixel", pixel, ("N", 2), np.int32, own=True))
 
@@ -73,7 +77,10 @@ class Samples:
 
     @property
     def density(self) -> np.ndarray:
-        """The density per solid angle, p(x, y) / solid angle of the pixel: (N,) float64, 1 / steradian."""
+        """The density per solid angle, p(x, y) / solid angle of the pixel: (N,) float64, 1 / steradian.
+
+        Directions anywhere in a pixel have it exactly; those of centres stand for their pixels' solid angles.
+        """
         return self.probability.astype(np.float64) / solid_angles(*self.map_shape)[self.pixel[:, 1]]
 
     @property
@@ -127,6 +134,7 @@ _KINDS = {
     "sequence": "U",
     "seed": "iu",
     "version": "U",
+    "within": "U",
 }
 
 
@@ -140,6 +148,8 @@ def _arrays(path: Path) -> dict[str, object]:
         with zipfile.ZipFile(path) as archive:
             for name, kinds in _KINDS.items():
                 if f"{name}.npy" not in archive.namelist():
+                    if name == "within":  # files of versions that knew centres only
+                        continue
                     raise LightdomeError(f"{path} is no file of samples: it has no array {name!r}")
                 member = archive.getinfo(f"{name}.npy")
                 if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
@@ -190,5 +200,14 @@ def _check(samples: Samples) -> None:
     L = samples.radiance
     refuse(~(np.isfinite(L) & (L >= 0)).all(axis=1), "a radiance is negative, infinite or NaN")
     theta, phi = row_angles(height)[y], column_angles(width)[x]
-    expected = directions(theta, phi)
-    refuse(~(np.abs(samples.direction - expected) < 1e-5).all(axis=1), "a direction is not that of its pixel")
+    if samples.within == "centre":
+        expected = directions(theta, phi)
+        refuse(~(np.abs(samples.direction - expected) < 1e-5).all(axis=1), "a direction is not that of its pixel")
+    else:
+        w_x, w_y, w_z = samples.direction.astype(np.float64).T
+        sine = np.hypot(w_x, w_z)
+        refuse(~(np.abs(np.hypot(sine, w_y) - 1) < 1e-5), "a direction is no unit vector")
+        down, across = np.arctan2(sine, w_y) - theta, np.arctan2(w_z, w_x) - phi
+        across -= 2 * np.pi * np.round(across / (2 * np.pi))
+        outside = (np.abs(down) > np.pi / height / 2 + 1e-5) | ((np.abs(across) - np.pi / width) * sine > 1e-5)
+        refuse(outside, "a direction is not in its pixel")

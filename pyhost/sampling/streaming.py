@@ -9,6 +9,7 @@ Kernels: those of :mod:`lightdome.sampling.distribution`, and ``choose_rows.cl``
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from ..errors import LightdomeError
 from ..maps.envmap import EnvironmentMap, Inspection, Replaced
 from ..maps.geometry import row_angles
 from ..maps.images import ImageRows
+from ..names import WITHIN
 from ..opencl import memory
 from ..opencl.device import Device
 from ..opencl.memory import DeviceArray
@@ -25,6 +27,15 @@ from .cdf import MapCDF, build_marginal_cdf, build_row_cdfs
 from .device_map import DeviceMap, range_scale, upload_sines
 from .draw import BLACK, MAX_COUNT, OUTPUTS, Points, drawn, given_points, is_guided, sequence_points
 from .samples import Samples
+
+
+class _Chosen(NamedTuple):
+    """Of N samples: the ``row``; the point ``across`` it that picks a pixel; and the ``place`` down the row."""
+
+    row: np.ndarray  # uint32
+    across: np.ndarray  # uint64, in 2^-64
+    place: np.ndarray  # uint32, in 2^-32
+
 
 GROUP = (
     64  # work-items per group: where it may choose, PoCL takes another size for nearly every count, and compiles anew
@@ -38,6 +49,7 @@ def sample_file(
     seed: int = 0,
     sequence: str = "independent",
     *,
+    within: str = "centre",
     sanitize: bool | str = False,
     report: Callable[[Replaced], None] | None = None,
 ) -> list[Samples]:
@@ -46,13 +58,14 @@ def sample_file(
     The file is read twice in all: whole, then those rows in which a sample lies. A map that leaves the range of
     2^-60 to 2^60 at its peak is read whole twice.
 
-    ``sanitize`` is that of :meth:`lightdome.EnvironmentMap.read`; ``report`` is called with what was replaced, if
-    anything was. Raises :class:`LightdomeError` where the file cannot be read, holds bad pixels that are not to be
-    replaced, or is black; and for what ``Distribution.sample`` refuses.
+    ``within`` is that of ``Distribution.sample``, ``sanitize`` that of :meth:`lightdome.EnvironmentMap.read`;
+    ``report`` is called with what was replaced, if anything was. Raises :class:`LightdomeError` where the file cannot
+    be read, holds bad pixels that are not to be replaced, or is black; and for what ``Distribution.sample`` refuses.
     """
     checks.instance("the device", device, Device)
     checks.instance("the image", image, ImageRows)
     counts = checks.wholes("counts", counts, 0, MAX_COUNT)
+    checks.choice("place within a pixel", within, WITHIN)
     points = [sequence_points(count, seed, sequence) for count in counts]
     memory.check_room(device, 12 * sum(counts))  # as where the map is in memory
     inspection = Inspection(sanitize, image.largest)
@@ -68,8 +81,15 @@ def sample_file(
     if report is not None and (replaced := inspection.replaced(image.height, total / scale)):
         report(replaced)
     chosen = [_choose_rows(device, marginal, of_set) for of_set in points]
-    row, across = (np.concatenate(parts) for parts in zip(*chosen, strict=True))
-    samples = _draw(device, image, Inspection(sanitize, image.largest), row, across, scale, total)
+    samples = _draw(
+        device,
+        image,
+        Inspection(sanitize, image.largest),
+        _Chosen(*map(np.concatenate, zip(*chosen, strict=True))),
+        scale,
+        total,
+        within,
+    )
     shape = (image.height, image.width)
     sets = (np.split(array, np.cumsum(counts)[:-1]) for array in samples.values())
     return [
@@ -80,6 +100,7 @@ def sample_file(
             sequence=sequence,
             seed=seed,
             version=__version__,
+            within=within,
         )
         for of_set in zip(*sets, strict=True)
     ]
@@ -90,7 +111,7 @@ def _band(
 ) -> DeviceMap:
     """Some rows of the map in a file."""
     envmap = checks.made(EnvironmentMap, radiance=radiance, peak=peak, replaced=None, notes=())
-    return DeviceMap(device, envmap, scale, row_angles(image.height)[rows])
+    return DeviceMap(device, envmap, scale, row_angles(image.height)[rows], np.pi / image.height)
 
 
 def _row_sums(device: Device, image: ImageRows, scale: float, inspection: Inspection) -> np.ndarray:
@@ -107,9 +128,8 @@ def _row_sums(device: Device, image: ImageRows, scale: float, inspection: Inspec
     return sums
 
 
-def _choose_rows(device: Device, marginal: DeviceArray, points: Points) -> tuple[np.ndarray, np.ndarray]:
-    """The row of every sample, and the point that picks a pixel in it as a fraction of 2^32: (N,) uint32 each."""
-    row, across = (memory.empty(device, points.count, np.uint32) for _ in range(2))
+def _choose_rows(device: Device, marginal: DeviceArray, points: Points) -> _Chosen:
+    row, across, place = (memory.empty(device, points.count, kind) for kind in (np.uint32, np.uint64, np.uint32))
     device.launch(
         "sampling/choose_rows",
         (points.count,),
@@ -119,24 +139,34 @@ def _choose_rows(device: Device, marginal: DeviceArray, points: Points) -> tuple
         marginal_cdf=marginal,
         height=marginal.shape[0],
         count=points.count,
-        **points.arguments,
+        seed=points.key,
         row=row,
         across=across,
+        place=place,
     )
-    return memory.download(device, row), memory.download(device, across)
+    return _Chosen(*(memory.download(device, array) for array in (row, across, place)))
+
+
+def _point_in_step(step: np.ndarray, count: int, place: np.ndarray) -> np.ndarray:
+    """The point that picks each ``step`` of a CDF of ``count`` equal ones and lies at ``place`` in it, in 2^-64.
+
+    Places are fractions of 2^32, as ``within_pixel.clh`` computes them.
+    """
+    begin, end = ((((step + i).astype(np.uint64) << np.uint64(32)) + (count - 1)) // count for i in range(2))
+    return (begin << np.uint64(32)) + place * (end - begin)
 
 
 def _draw(
     device: Device,
     image: ImageRows,
     inspection: Inspection,
-    row: np.ndarray,
-    across: np.ndarray,
+    chosen: _Chosen,
     scale: float,
     total: float,
+    within: str,
 ) -> dict[str, np.ndarray]:
     """All OUTPUTS of samples in known rows."""
-    count = len(row)
+    row, count = chosen.row, len(chosen.row)
     result = {name: np.empty((count, *shape), kind) for name, (shape, kind) in OUTPUTS.items()}
     order = np.argsort(row)
     sorted_row = row[order]
@@ -151,9 +181,9 @@ def _draw(
             cdf = MapCDF(device, build_row_cdfs(band).cdf, even, total)
             first, end = np.searchsorted(sorted_row, [rows[0], rows[-1] + 1])
             index = order[first:end]
-            place = np.searchsorted(rows, sorted_row[first:end])
-            points = given_points(device, np.stack([across[index] * 2.0**-32, (place + 0.5) / len(rows)], axis=1))
-            samples = drawn(band, cdf, points)
+            down = _point_in_step(np.searchsorted(rows, row[index]), len(rows), chosen.place[index])
+            points = given_points(device, np.stack([chosen.across[index], down], axis=1))
+            samples = drawn(band, cdf, points, within=within)
             samples["pixel"][:, 1] = rows[samples["pixel"][:, 1]]
             guided.append(is_guided(points.count, band))
             for name, values in samples.items():

@@ -32,8 +32,8 @@ def said(result: object, of: str) -> set[str]:
     return {line.partition(";")[0] for line in lines}
 
 
-def test_each_count_is_explained_by_itself(script: Script, small_map: Path, tmp_path: Path) -> None:
-    result = script("part2_sample", "--map", small_map, "--counts", 1000, 4, "--explain", "--out", tmp_path)
+def test_each_count_is_explained_by_itself(run_here: Script, small_map: Path, tmp_path: Path) -> None:
+    result = run_here("part2_sample", "--map", small_map, "--counts", 1000, 4, "--explain", "--out", tmp_path)
     assert result.returncode == 0, result.stderr
     assert said(result, "4 samples") == {"left out: guide tables"}
     assert said(result, "1000 samples") == {"used: guide tables"}
@@ -41,7 +41,7 @@ def test_each_count_is_explained_by_itself(script: Script, small_map: Path, tmp_
     assert "built 5 of" in result.stdout  # sample and sample_guided among them
 
     files = [tmp_path / f"samples_{n}.npz" for n in (1000, 4)]
-    result = script("part3_shade", *files, "--resolution", 40, "--explain", "--out", tmp_path / "three")
+    result = run_here("part3_shade", *files, "--resolution", 40, "--explain", "--out", tmp_path / "three")
     for of in ("4 samples", "1000 samples"):
         assert "used: a light for each sample" in said(result, of)
         assert "left out: tiles outside the disc" in said(result, of)
@@ -49,18 +49,18 @@ def test_each_count_is_explained_by_itself(script: Script, small_map: Path, tmp_
 
 @pytest.mark.parametrize(("counts", "guided"), [((3, 4), "left out"), ((4, 1000), "used")])
 def test_samples_alone_are_explained(
-    script: Script, small_map: Path, tmp_path: Path, counts: tuple[int, int], guided: str
+    run_here: Script, small_map: Path, tmp_path: Path, counts: tuple[int, int], guided: str
 ) -> None:
     options = ("--samples-only", "--explain", "--out", tmp_path)
-    result = script("part2_sample", "--map", small_map, "--counts", *counts, *options)
+    result = run_here("part2_sample", "--map", small_map, "--counts", *counts, *options)
     assert result.returncode == 0, result.stderr
     assert f"{guided}: guide tables" in said(result, f"{counts[0]}, {counts[1]} samples")
     assert ("guide," in result.stdout) == (guided == "used")  # the kernel
 
 
-def test_images_of_part_4_are_explained(script: Script, small_map: Path, tmp_path: Path) -> None:
+def test_images_of_part_4_are_explained(run_here: Script, small_map: Path, tmp_path: Path) -> None:
     options = ("--renderer", "opencl", "--spp", 4, 2, "--resolution", 9, "--explain", "--out", tmp_path)
-    result = script("part4_pbrt", "--map", small_map, *options)
+    result = run_here("part4_pbrt", "--map", small_map, *options)
     assert result.returncode == 0, result.stderr
     assert {"used: guide tables", "used: separate channels"} <= said(result, "2, 4 spp")
     assert "left out: scaling of weights" in said(result, "the map")
@@ -105,19 +105,21 @@ def test_what_is_noted_is_what_happens(device: Device) -> None:
     assert made()["rendering"] is False
 
 
-def test_part_3_lists_its_images_in_the_order_of_their_counts(script: Script, small_map: Path, tmp_path: Path) -> None:
-    assert script("part2_sample", "--map", small_map, "--counts", 3, 20, 100, "--out", tmp_path).returncode == 0
+def test_part_3_lists_its_images_in_the_order_of_their_counts(
+    run_here: Script, small_map: Path, tmp_path: Path
+) -> None:
+    assert run_here("part2_sample", "--map", small_map, "--counts", 3, 20, 100, "--out", tmp_path).returncode == 0
     files = [tmp_path / f"samples_{n}.npz" for n in (20, 100, 3)]
-    lines = script("part3_shade", *files, "--resolution", 9, "--out", tmp_path / "out").stdout.splitlines()
+    lines = run_here("part3_shade", *files, "--resolution", 9, "--out", tmp_path / "out").stdout.splitlines()
     wrote = [line.partition("sphere_")[2] for line in lines if line.startswith("wrote")]
     assert wrote == [f"{n}.pfm, .ppm, .png" for n in (3, 20, 100)]
     exposure = ("--exposure", "0.12345678", "--gamma", "2.20000001")
-    last = script("part3_shade", files[2], "--resolution", 9, *exposure, "--out", tmp_path / "out").stdout
+    last = run_here("part3_shade", files[2], "--resolution", 9, *exposure, "--out", tmp_path / "out").stdout
     assert last.splitlines()[-1] == "exposure 0.12345678, gamma 2.20000001"
 
 
-def test_part_1_says_the_index_that_it_was_given(script: Script, tmp_path: Path) -> None:
-    result = script("part1_fresnel", "--eta", "1.0000000001", "--out", tmp_path)
+def test_part_1_says_the_index_that_it_was_given(run_here: Script, tmp_path: Path) -> None:
+    result = run_here("part1_fresnel", "--eta", "1.0000000001", "--out", tmp_path)
     assert result.stdout.startswith("eta 1.0000000001,")
     assert "1.0000000001" in (tmp_path / "fresnel.json").read_text()
 

@@ -323,6 +323,44 @@ def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
             world.base(script, *arguments, "cube-cross", "--samples-only")
 
 
+@option("--convention", *MAPPED)
+def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
+    write_image(world.folder / "skylibs.pfm", np.roll(world.radiance["map"], 24, axis=1))
+    sees(world, patch, script, world.radiance["map"], "--map", world.folder / "skylibs.pfm", "--convention", "skylibs")
+
+
+@option("--mirror", *MAPPED)
+def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
+    radiance = np.ascontiguousarray(world.radiance["map"][:, ::-1])
+    sees(world, patch, script, radiance, "--map", world.folder / "map.pfm", "--mirror")
+
+
+@option("--rotate", *MAPPED)
+def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
+    radiance = np.roll(world.radiance["map"], -3, axis=1)
+    sees(world, patch, script, radiance, "--map", world.folder / "map.pfm", "--rotate", "33.75")
+    # The convention first, then the mirror, then the rotation.
+    radiance = np.ascontiguousarray(np.roll(np.roll(world.radiance["map"], -8, axis=1)[:, ::-1], -3, axis=1))
+    more = ("--mirror", "--convention", "mitsuba", "--rotate", "33.75", "0.0", "360.0")
+    with pytest.MonkeyPatch.context() as again:
+        ran = sees(world, again, script, radiance, "--map", world.folder / "map.pfm", *more)
+    if script == "part2_sample":
+        options = ran.json()["options"]
+        assert [options[name] for name in ("convention", "mirror", "rotate")] == ["mitsuba", True, [33.75, 0, 360]]
+        ran = world.base(script, "--rotate", "10", "20", "30")
+        expected = EnvironmentMap(world.radiance["map"]).rotated(10, 20, 30)
+        samples = build_distribution(world.device, expected).sample(40)
+        np.testing.assert_array_equal(Samples.load(ran.out / "samples_40.npz").radiance, samples.radiance)
+        for bad in (["nan"], ["-inf"], ["1", "2"], ["1", "2", "3", "4"], ["left"]):
+            with pytest.raises(SystemExit):
+                world.run(script, "--rotate", *bad)
+        for turn in (["1"], ["0", "20", "30"]):
+            with pytest.raises(
+                LightdomeError, match=r"moves by whole columns, of which this one has 32.*leave out --samples-only"
+            ):
+                world.base(script, "--samples-only", "--rotate", *turn)
+
+
 @option("--device", "part2_sample", "part3_shade", "part4_pbrt", "bench", "roofline", "stability", "report")
 def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
     with pytest.raises(LightdomeError, match="no OpenCL device matches 'Voodoo 2'"):
@@ -549,6 +587,16 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
             samples = Samples.load(world.base("part2_sample", *options, *more).out / "samples_40.npz")
             assert samples.sequence == sequence
             np.testing.assert_array_equal(samples.pixel, distribution.sample(40, 0, sequence).pixel)
+
+
+@option("--within", "part2_sample")
+def _(world: World, patch: pytest.MonkeyPatch) -> None:
+    distribution = build_distribution(world.device, EnvironmentMap(world.radiance["map"]))
+    for within in ("centre", "pixel"):
+        for more in ((), ("--samples-only",)):
+            samples = Samples.load(world.base("part2_sample", "--within", within, *more).out / "samples_40.npz")
+            expected = distribution.sample(40, within=within)
+            np.testing.assert_array_equal(samples.direction, expected.direction)
 
 
 @option("--marker", "part2_sample")

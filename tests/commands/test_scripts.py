@@ -50,12 +50,14 @@ def test_parts_2_and_3_end_to_end(script: Script, small_map: Path, tmp_path: Pat
     assert read_image(three / "sphere_7.pfm").shape == (20, 20, 3)
 
 
-def test_a_pfm_and_an_exr_of_the_same_map_give_the_same_result(script: Script, small_map: Path, tmp_path: Path) -> None:
+def test_a_pfm_and_an_exr_of_the_same_map_give_the_same_result(
+    run_here: Script, small_map: Path, tmp_path: Path
+) -> None:
     exr = tmp_path / "map.exr"
     write_image(exr, read_image(small_map))
     for path in (small_map, exr):
         out = tmp_path / path.suffix[1:]
-        assert script("part2_sample", "--map", path, "--counts", 50, "--out", out).returncode == 0
+        assert run_here("part2_sample", "--map", path, "--counts", 50, "--out", out).returncode == 0
     for name in ("em_50.pfm", "em_50.ppm"):
         assert (tmp_path / "pfm" / name).read_bytes() == (tmp_path / "exr" / name).read_bytes()
     pfm, exr_samples = (Samples.load(tmp_path / kind / "samples_50.npz") for kind in ("pfm", "exr"))
@@ -63,56 +65,56 @@ def test_a_pfm_and_an_exr_of_the_same_map_give_the_same_result(script: Script, s
     np.testing.assert_array_equal(pfm.probability, exr_samples.probability)
 
 
-def test_a_map_that_is_not_two_to_one_is_used_with_a_note(script: Script, tmp_path: Path) -> None:
+def test_a_map_that_is_not_two_to_one_is_used_with_a_note(run_here: Script, tmp_path: Path) -> None:
     write_image(tmp_path / "odd.exr", stiff_radiance(9, 11))
-    result = script("part2_sample", "--map", tmp_path / "odd.exr", "--counts", 4, "--out", tmp_path / "out")
+    result = run_here("part2_sample", "--map", tmp_path / "odd.exr", "--counts", 4, "--out", tmp_path / "out")
     assert result.returncode == 0
     assert "note: the map is 11 x 9" in result.stderr
 
 
-def test_bad_pixels_are_refused_unless_sanitised(script: Script, tmp_path: Path) -> None:
+def test_bad_pixels_are_refused_unless_sanitised(run_here: Script, tmp_path: Path) -> None:
     radiance = stiff_radiance(8, 16)
     radiance[4, 9] = -1
     radiance[5, 2, 1] = np.nan
     write_image(tmp_path / "bad.pfm", radiance)
     arguments = ("part2_sample", "--map", tmp_path / "bad.pfm", "--counts", 4, "--out", tmp_path / "out")
-    fails_in_one_line(script(*arguments), "2 bad pixels", "x = 9, y = 4", "--sanitize")
+    fails_in_one_line(run_here(*arguments), "2 bad pixels", "x = 9, y = 4", "--sanitize")
     for way in (["--sanitize"], ["--sanitize", "--samples-only"]):
-        result = script(*arguments, *way)
+        result = run_here(*arguments, *way)
         assert result.returncode == 0, result.stderr
         assert "2 bad pixels were replaced (1 NaN by 0, 1 negative by 0)" in result.stderr
         assert "% of the map's flux" in result.stderr
-    assert script(*arguments, "--sanitize", "white").returncode == 2
+    assert run_here(*arguments, "--sanitize", "white").returncode == 2
 
 
-def test_a_black_map_has_nothing_to_sample(script: Script, tmp_path: Path) -> None:
+def test_a_black_map_has_nothing_to_sample(run_here: Script, tmp_path: Path) -> None:
     write_image(tmp_path / "black.pfm", np.zeros((8, 16, 3), np.float32))
     out = tmp_path / "out"
-    fails_in_one_line(script("part2_sample", "--map", tmp_path / "black.pfm", "--out", out), "black everywhere")
+    fails_in_one_line(run_here("part2_sample", "--map", tmp_path / "black.pfm", "--out", out), "black everywhere")
     assert names(out) == set()
 
 
 @pytest.mark.parametrize("script_name", ["part2_sample", "part3_shade"])
-def test_missing_and_damaged_files_are_one_line(script: Script, tmp_path: Path, script_name: str) -> None:
+def test_missing_and_damaged_files_are_one_line(run_here: Script, tmp_path: Path, script_name: str) -> None:
     option = ("--map",) if script_name == "part2_sample" else ()
     broken = tmp_path / "broken.exr"
     broken.write_bytes(b"v/1\x01 then nothing")
     for path in (tmp_path / "missing.exr", broken, tmp_path, tmp_path / "two\nlines.exr"):
-        result = script(script_name, *option, path, "--out", tmp_path / "out")
+        result = run_here(script_name, *option, path, "--out", tmp_path / "out")
         fails_in_one_line(result, tmp_path.name)
 
 
-def test_an_output_folder_that_cannot_be_written_is_one_line(script: Script, small_map: Path, tmp_path: Path) -> None:
+def test_an_output_folder_that_cannot_be_written_is_one_line(run_here: Script, small_map: Path, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     for out in (tmp_path / "file", tmp_path / "file" / "below", "/proc/nowhere"):
-        result = script("part2_sample", "--map", small_map, "--counts", 4, "--out", out)
+        result = run_here("part2_sample", "--map", small_map, "--counts", 4, "--out", out)
         fails_in_one_line(result, "--out")
 
 
-def test_two_sets_of_one_size_are_refused(script: Script, small_map: Path, tmp_path: Path) -> None:
-    script("part2_sample", "--map", small_map, "--counts", 4, "--out", tmp_path)
+def test_two_sets_of_one_size_are_refused(run_here: Script, small_map: Path, tmp_path: Path) -> None:
+    run_here("part2_sample", "--map", small_map, "--counts", 4, "--out", tmp_path)
     path = tmp_path / "samples_4.npz"
-    fails_in_one_line(script("part3_shade", path, path, "--out", tmp_path / "out"), "4 samples")
+    fails_in_one_line(run_here("part3_shade", path, path, "--out", tmp_path / "out"), "4 samples")
     assert not (tmp_path / "out").exists()
 
 
@@ -132,8 +134,8 @@ def test_two_sets_of_one_size_are_refused(script: Script, small_map: Path, tmp_p
         ("part3_shade", "x.npz", "--unknown"),
     ],
 )
-def test_a_wrong_command_line_exits_with_2(script: Script, arguments: tuple[str, ...]) -> None:
-    result = script(*arguments)
+def test_a_wrong_command_line_exits_with_2(run_here: Script, arguments: tuple[str, ...]) -> None:
+    result = run_here(*arguments)
     assert result.returncode == 2
     assert "Traceback" not in result.stderr
 
@@ -204,11 +206,11 @@ def test_an_extreme_of_an_option_ends_soon_and_in_one_line(
         fails_in_one_line(result)
 
 
-def test_explain_says_what_was_left_out(script: Script, device: Device, tmp_path: Path) -> None:
-    sampled = script("part2_sample", "--counts", 4, "--explain", "--out", tmp_path / "two")
+def test_explain_says_what_was_left_out(run_here: Script, device: Device, tmp_path: Path) -> None:
+    sampled = run_here("part2_sample", "--counts", 4, "--explain", "--out", tmp_path / "two")
     assert sampled.returncode == 0, sampled.stderr
     assert "built 3 of" in sampled.stdout
     assert "left out: guide tables; 4 samples" in sampled.stdout
-    shaded = script("part3_shade", tmp_path / "two" / "samples_4.npz", "--explain", "--out", tmp_path / "three")
+    shaded = run_here("part3_shade", tmp_path / "two" / "samples_4.npz", "--explain", "--out", tmp_path / "three")
     assert f"4 samples: {'used' if device.is_gpu else 'left out'}: brute force over pairs" in shaded.stdout
-    assert "left out" not in script("part3_shade", tmp_path / "two" / "samples_4.npz", "--out", tmp_path / "x").stdout
+    assert "left out" not in run_here("part3_shade", tmp_path / "two" / "samples_4.npz", "--out", tmp_path / "x").stdout

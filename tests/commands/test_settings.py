@@ -14,15 +14,15 @@ from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import write_image
 
 
-def test_parts_1_to_4_say_what_made_their_files(script: Script, tmp_path: Path) -> None:
+def test_parts_1_to_4_say_what_made_their_files(run_here: Script, tmp_path: Path) -> None:
     path = tmp_path / "map.pfm"
     write_image(path, stiff_radiance(16, 32))
-    assert script("part1_fresnel", "--out", tmp_path / "part1").returncode == 0
-    assert script("part2_sample", "--map", path, "--counts", 3, 7, "--out", tmp_path / "part2").returncode == 0
+    assert run_here("part1_fresnel", "--out", tmp_path / "part1").returncode == 0
+    assert run_here("part2_sample", "--map", path, "--counts", 3, 7, "--out", tmp_path / "part2").returncode == 0
     samples = [tmp_path / "part2" / f"samples_{n}.npz" for n in (3, 7)]
-    assert script("part3_shade", *samples, "--resolution", 20, "--out", tmp_path / "part3").returncode == 0
+    assert run_here("part3_shade", *samples, "--resolution", 20, "--out", tmp_path / "part3").returncode == 0
     arguments = ("--map", path, "--spp", 2, "--renderer", "opencl", "--resolution", 20)
-    assert script("part4_pbrt", *arguments, "--out", tmp_path / "part4").returncode == 0
+    assert run_here("part4_pbrt", *arguments, "--out", tmp_path / "part4").returncode == 0
 
     found = {}
     for part in ("part1", "part2", "part3", "part4"):
@@ -42,13 +42,13 @@ def test_parts_1_to_4_say_what_made_their_files(script: Script, tmp_path: Path) 
     assert found["part4"]["pbrt"] is None
 
 
-def test_samples_without_pictures_say_what_made_them_too(script: Script, tmp_path: Path) -> None:
+def test_samples_without_pictures_say_what_made_them_too(run_here: Script, tmp_path: Path) -> None:
     path, out = tmp_path / "map.pfm", tmp_path / "out"
     write_image(path, stiff_radiance(16, 32))
-    assert script("part2_sample", "--map", path, "--counts", 3, 7, "--seed", 5, "--out", out).returncode == 0
+    assert run_here("part2_sample", "--map", path, "--counts", 3, 7, "--seed", 5, "--out", out).returncode == 0
     whole = settings.read(out / settings.NAME)
     arguments = ("--map", path, "--counts", 7, "--seed", 5, "--samples-only", "--out", out)
-    assert script("part2_sample", *arguments).returncode == 0
+    assert run_here("part2_sample", *arguments).returncode == 0
     record = settings.read(out / settings.NAME)
     assert record is not None
     assert record["files"] == {"samples_7.npz": whole["files"]["samples_7.npz"]}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import time
@@ -10,7 +11,6 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from lightdome.errors import LightdomeError
-from lightdome.evaluation import mitsuba_process
 from lightdome.evaluation.mitsuba_process import MitsubaProcess
 
 
@@ -71,11 +71,12 @@ def test_the_process_writes_nothing_on_the_terminal(capfd: pytest.CaptureFixture
 def test_a_process_that_ends_or_hangs_is_an_error_and_stays_one(
     adder: MitsubaProcess, method: str, timeout: float, said: str
 ) -> None:
+    assert multiprocessing.active_children()
     with pytest.raises(LightdomeError, match=said):
         adder.call(method, timeout=timeout)
     with pytest.raises(LightdomeError, match="has ended"):
         adder.call("add", 1, timeout=60)
-    assert not adder._process.is_alive()
+    assert not multiprocessing.active_children()
 
 
 def test_a_worker_that_cannot_be_made_says_why() -> None:
@@ -83,7 +84,7 @@ def test_a_worker_that_cannot_be_made_says_why() -> None:
         MitsubaProcess(Adder, np.zeros(0))
 
 
-def test_a_worker_that_does_not_start_in_time_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mitsuba_process, "START_TIMEOUT", 0.01)
+def test_a_worker_that_does_not_start_in_time_is_stopped() -> None:
     with pytest.raises(LightdomeError, match="did not answer"):
-        MitsubaProcess(Adder, np.ones(1))
+        MitsubaProcess(Adder, np.ones(1), start_timeout=0.01)
+    assert not multiprocessing.active_children()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import signal
 from collections.abc import Iterator
@@ -23,8 +24,6 @@ from lightdome.lighting.exact import exact
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import write_image
 from lightdome.opencl.device import Device
-from lightdome.pbrt.run import Pbrt
-from lightdome.pbrt.scenes import Scene
 
 pytestmark = pytest.mark.slow  # most work for seconds, or start a stand-in
 
@@ -178,8 +177,10 @@ def test_mitsuba_says_how_many_samples_it_took(mitsuba: peer_mitsuba.MitsubaRend
 @pytest.mark.skipif(not mitsuba_process.installed(), reason=f"needs Mitsuba: {peers.INSTALL}")
 @pytest.mark.skipif(os.name != "posix", reason="crashes are told by signals")
 def test_a_mitsuba_that_crashes_is_an_error_and_no_crash() -> None:
+    others = set(multiprocessing.active_children())
     peer = peer_mitsuba.MitsubaRenderer("scalar_rgb", np.ones((2, 4, 3), np.float32))
-    os.kill(peer._process._process.pid, signal.SIGABRT)
+    (child,) = set(multiprocessing.active_children()) - others
+    os.kill(child.pid, signal.SIGABRT)
     with pytest.raises(LightdomeError, match="crashed"):
         peer.render(4, 1, 0)
     with pytest.raises(LightdomeError):
@@ -253,25 +254,19 @@ def test_a_peer_is_random_if_another_seed_gives_another_image(tmp_path: Path, bl
 def test_pbrts_time_has_its_start_up_apart(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, blocks: EnvironmentMap
 ) -> None:
-    clock = 0.0
-    find_pbrt, render_scene = peer_pbrt.find_pbrt, peer_pbrt.render_scene
-
-    def slow_start(path: Path) -> Pbrt:
-        nonlocal clock
-        clock += 2
-        return find_pbrt(path)
-
-    def slow_render(program: Pbrt, scene: Scene, quiet: bool) -> np.ndarray:
-        nonlocal clock
-        clock += 5 if scene.resolution == 1 else 9
-        return render_scene(program, scene, quiet=quiet)
-
-    monkeypatch.setattr(peer_pbrt, "time", SimpleNamespace(perf_counter=lambda: clock))
-    monkeypatch.setattr(peer_pbrt, "find_pbrt", slow_start)
-    monkeypatch.setattr(peer_pbrt, "render_scene", slow_render)
+    clock = tmp_path / "clock"
+    clock.touch()
     program = tmp_path / "pbrt"
-    program.write_text(PBRT)
+    program.write_text(
+        PBRT
+        + f"""
+with open({str(clock)!r}, "a") as clock:
+    clock.write("2 " if "--outfile" not in sys.argv else "5 " if size == 1 else "9 ")
+"""
+    )
     program.chmod(0o755)
+    now = SimpleNamespace(perf_counter=lambda: sum(map(float, clock.read_text().split())))
+    monkeypatch.setattr(peer_pbrt, "time", now)
     found = peers.find(["pbrt"], blocks, SIZE, [program, tmp_path / "none"])
     assert list(found.methods) == ["pbrt-v4"]
     assert found.methods["pbrt-v4"].pixels == "areas"
@@ -302,11 +297,11 @@ def test_a_peers_time_is_its_own_clocks(blocks: EnvironmentMap) -> None:
     assert error_against_time([point], "").axes[0].lines[0].get_linestyle() == "-."
 
 
-def test_the_benchmark_measures_peers_and_names_the_absent(script: Script, tmp_path: Path) -> None:
+def test_the_benchmark_measures_peers_and_names_the_absent(run_here: Script, tmp_path: Path) -> None:
     write_image(tmp_path / "map.pfm", stiff_radiance(16, 32))
     arguments = ["bench", "--map", tmp_path / "map.pfm", "--counts", 16, "--spp", 2, "--resolution", 15, "--seeds", 2]
     arguments += ["--repeats", 1, "--methods", "exact", "--out", tmp_path]
-    result = script(*arguments, "--peers", "numpy", "pbrt", "--pbrt", tmp_path / "no pbrt")
+    result = run_here(*arguments, "--peers", "numpy", "pbrt", "--pbrt", tmp_path / "no pbrt")
     assert result.returncode == 0, result.stderr
     name = f"pbrt {tmp_path / 'no pbrt'}"
     assert f"peer {name}: absent (there is no" in result.stdout
@@ -315,18 +310,18 @@ def test_the_benchmark_measures_peers_and_names_the_absent(script: Script, tmp_p
     assert list(written["peers"]) == ["numpy"]
     assert {m["method"]: m["peer"] for m in written["measurements"]} == {"exact": False, "numpy": True}
     assert {m["method"]: m["pixels"] for m in written["measurements"]} == {"exact": "centres", "numpy": "centres"}
-    assert script(*arguments, "--peers", "luxcore").returncode == 2
+    assert run_here(*arguments, "--peers", "luxcore").returncode == 2
 
 
 @pytest.mark.skipif(os.name != "posix", reason="the stand-in for pbrt is an executable script")
-def test_a_peer_that_fails_on_the_way_costs_no_other_result(script: Script, tmp_path: Path) -> None:
+def test_a_peer_that_fails_on_the_way_costs_no_other_result(run_here: Script, tmp_path: Path) -> None:
     program = tmp_path / "pbrt"
     program.write_text(PBRT.replace("np.ones((size,", "np.ones((size if size == 1 else 2,"))
     program.chmod(0o755)
     write_image(tmp_path / "map.pfm", stiff_radiance(16, 32))
     arguments = ["--map", tmp_path / "map.pfm", "--counts", 16, "--spp", 2, 4, "--resolution", 15, "--seeds", 1]
     arguments += ["--repeats", 1, "--methods", "exact", "--peers", "pbrt", "--pbrt", program, "--out", tmp_path]
-    result = script("bench", *arguments)
+    result = run_here("bench", *arguments)
     assert result.returncode == 0, result.stderr
     assert "peer pbrt-v4: absent (failed at 2: " in result.stdout
     for plot in ("error_time", "error_count", "stages", "images"):

@@ -11,12 +11,12 @@ import sys
 import zipfile
 from collections import defaultdict
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
-from helpers import Script, fails_in_one_line, module_of, stiff_radiance
+from helpers import Script, fails_in_one_line, stiff_radiance
 from lightdome import __version__
+from lightdome.commands import report as report_command
 from lightdome.commands import settings
 from lightdome.disc import disc_mask
 from lightdome.errors import LightdomeError
@@ -96,15 +96,19 @@ def test_the_archive_holds_the_report_and_all_images_with_their_sums(made: Path)
 
 
 def test_the_same_inputs_give_the_same_bytes(
-    the_script: ModuleType, small_map: Path, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    small_map: Path,
+    made: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     shutil.copytree(made, tmp_path / "out")
     again = tmp_path / "out" / "report"
     for name in (report.PDF, report.ARCHIVE):
         (again / name).unlink()
-    monkeypatch.setattr(the_script, "run", lambda *_: pytest.fail("the results are there"))
     monkeypatch.setattr(sys, "argv", ["report.py", "--quick", "--map", str(small_map), "--out", str(again)])
-    the_script.main()
+    report_command.main()
+    assert "running" not in capsys.readouterr().out  # the results are there
     for name in (report.PDF, report.ARCHIVE):
         assert (again / name).read_bytes() == (made / "report" / name).read_bytes()
 
@@ -130,11 +134,6 @@ def test_each_figure_holds_the_images_of_its_kind(device: Device, small_map: Pat
         assert [text for text in said if text.endswith(" %")] == errors
 
 
-@pytest.fixture(scope="module")
-def the_script() -> ModuleType:
-    return module_of("report")
-
-
 def leave(folder: Path, sha256: str, version: str = __version__) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "em.pfm").write_text(sha256)
@@ -154,9 +153,7 @@ WANTED = {"map": {"sha256": "ours"}, "versions": {"lightdome": __version__}, "op
     ],
 )
 def test_results_of_another_map_or_version_are_made_again(
-    the_script: ModuleType,
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     there: tuple[str, ...] | None,
     reason: str,
@@ -168,10 +165,9 @@ def test_results_of_another_map_or_version_are_made_again(
         leave(tmp_path / "report" / "part2", "ours")
         return 0
 
-    monkeypatch.setattr(the_script, "run", run)
     if there:
         leave(tmp_path / "part2", *there)
-    runs = the_script.Runs(tmp_path / "report")
+    runs = report_command.Runs(tmp_path / "report", run)
     for _ in range(2):  # the second time it is there
         runs.need("part2", "part2_sample.py", settings.NAME, WANTED, "--seed", 0)
     assert asked == [("part2_sample.py", "--seed", 0, "--out", tmp_path / "report" / "part2")]
@@ -179,12 +175,9 @@ def test_results_of_another_map_or_version_are_made_again(
     assert reason in capsys.readouterr().out
 
 
-def test_images_that_changed_since_are_not_taken(
-    the_script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(the_script, "run", lambda *_: 3)
+def test_images_that_changed_since_are_not_taken(tmp_path: Path) -> None:
     leave(tmp_path / "part2", "ours")
-    runs = the_script.Runs(tmp_path / "report")
+    runs = report_command.Runs(tmp_path / "report", lambda *_: 3)
     runs.need("part2", "part2_sample.py", settings.NAME, WANTED)
     (tmp_path / "part2" / "em.pfm").write_text("of another map")
     with pytest.raises(SystemExit) as exit_:
@@ -300,26 +293,24 @@ def test_the_renderer_and_other_programs_are_named(
 
 @pytest.mark.parametrize("there", [True, False])
 def test_other_programs_that_are_there_are_measured(
-    the_script: ModuleType, small_map: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, there: bool
+    small_map: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, there: bool
 ) -> None:
     asked: dict[str, list[str]] = {}
 
     class Runs:
-        def __init__(self, out: Path) -> None:
-            self.folders = {"part2": out}
+        def __init__(self) -> None:
+            self.folders = {"part2": tmp_path}
             part4 = {"pbrt": "PBRT-v4" if there else None, "options": {"pbrt": "/opt/pbrt" if there else None}}
             self.settings = {"part2": {"files": defaultdict(str)}, "part4": part4}
 
         def need(self, name: str, script: str, record: str, wanted: object, *options: object) -> None:
             asked[name] = [str(option) for option in options]
 
-    monkeypatch.setattr(the_script, "Runs", Runs)
-    monkeypatch.setattr(report, "write", lambda *_: 0)
-    monkeypatch.setattr(mitsuba_process, "installed", lambda: there)
-    options = argparse.Namespace(
-        map=small_map, layer=None, flip=False, out=tmp_path, device=None, quick=True, sanitize=False, pbrt=None
-    )
-    the_script.make(options)
+    monkeypatch.setattr(mitsuba_process, "find_spec", lambda name: name if there else None)
+    of_map = {"map": small_map, "layer": None, "sanitize": None, "flip": False}
+    of_map |= {"convention": "lightdome", "mirror": False, "rotate": None}
+    options = argparse.Namespace(**of_map, out=tmp_path, device=None, quick=True, pbrt=None)
+    report_command.need_all(Runs(), options, EnvironmentMap.read(small_map))
     assert ("mitsuba" in asked["stability"], "mitsuba" in asked["bench"], "pbrt" in asked["bench"]) == (there,) * 3
     assert "numpy" in asked["bench"]
     of_pbrt = [option for option in asked["bench"] if "pbrt" in option]

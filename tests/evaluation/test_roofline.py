@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import argparse
+import contextlib
 import csv
+import io
 import json
-import sys
-from dataclasses import replace
+import re
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import module_of, stiff_radiance
+from helpers import stiff_radiance
 from lightdome import reference
+from lightdome.commands import roofline as command
 from lightdome.disc import disc_mask
 from lightdome.evaluation import roofline
 from lightdome.evaluation.metrics import exponent
@@ -156,29 +160,86 @@ def test_harmonics_count_their_terms(device: Device) -> None:
     assert harmonics(device, 33).work.operations == (filtered + 2 * 66) * disc_mask(33).sum()
 
 
-@pytest.mark.slow
-def test_the_script_holds_every_stage_against_its_limit(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    write_image(tmp_path / "map.pfm", stiff_radiance(16, 32))
-    out = tmp_path / "out"
-    options = ["--quick", "--resolution", "17", "--repeats", "2"]
-    monkeypatch.setattr(sys, "argv", ["roofline.py", *options, "--map", str(tmp_path / "map.pfm"), "--out", str(out)])
-    monkeypatch.setattr(roofline, "COPY_BYTES", (2**16, 2**18))
-    command = module_of("roofline")
-    monkeypatch.setattr(command, "QUICK_SIZES", ((16, 32), (33,), (4, 64)))
-    command.main()
+@dataclass
+class Ran:
+    """What the script wrote and printed."""
 
-    with (out / "roofline.csv").open(newline="") as file:
+    out: Path
+    data: dict
+    printed: str
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
+    """A run of the script, small in everything."""
+    folder = tmp_path_factory.mktemp("roofline")
+    write_image(folder / "map.pfm", stiff_radiance(16, 32))
+    asked = {"map": folder / "map.pfm", "layer": None, "flip": False, "sanitize": None, "device": None}
+    asked |= {"out": folder / "out", "resolution": 17, "repeats": 2, "quick": True}
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        command.run(argparse.Namespace(**asked), ((16, 32), (33,), (4, 64)), (2**20, 2**21))
+    data = json.loads((folder / "out" / "roofline.json").read_text())
+    return Ran(folder / "out", data, printed.getvalue())
+
+
+@pytest.mark.slow
+def test_the_script_holds_every_stage_against_its_limit(ran: Ran) -> None:
+    with (ran.out / "roofline.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    data = json.loads((out / "roofline.json").read_text())
+    data = ran.data
     assert len(rows) == len(data["measurements"])
     assert {row["stage"] for row in rows} == EVERY_STAGE
     for row, measured in zip(rows, data["measurements"], strict=True):
         for share in ("bandwidth_share", "multiply_add_share", "bound_share"):
             assert float(row[share]) == measured[share] > 0
+        assert measured["repeats"] == 2
     assert {row["resolution"] for row in rows if row["stage"] == "exact"} == {"17", "33"}
     assert {row["N"] for row in rows if row["stage"] == "sample"} == {"4", "64"}
     assert {row["height"] for row in rows if row["stage"] == "row cdf"} == {"16", "32"}
     assert data["limits"]["before"]["launch_seconds"] > 0
     assert set(data["exponents"]) == {"map", "resolution", "N"}
     pictures = {"roofline.png", "roofline_scaling.png"}
-    assert {p.name for p in out.iterdir()} == {"roofline.csv", "roofline.json"} | pictures
+    assert {p.name for p in ran.out.iterdir()} == {"roofline.csv", "roofline.json"} | pictures
+
+
+def shows(text: str, value: float) -> bool:
+    """Whether a decimal number is ``value`` to its last place."""
+    return float(text) == pytest.approx(value, abs=0.501 * 10.0 ** -len(text.partition(".")[2]))
+
+
+@pytest.mark.slow
+def test_the_script_prints_what_it_measured(ran: Ran) -> None:
+    before, after = (
+        Limits({int(size): rate for size, rate in limits.pop("copies").items()}, **limits)
+        for limits in (dict(ran.data["limits"][when]) for when in ("before", "after"))
+    )
+    best = {size: max(rate, after.copies[size]) for size, rate in before.copies.items()}
+    copies = re.findall(r"^copy of +(\d+) MiB: +([\d.]+) GB/s$", ran.printed, re.MULTILINE)
+    assert [int(size) for size, _ in copies] == [1, 2]
+    for size, rate in copies:
+        assert shows(rate, 1e-9 * best[2**20 * int(size)])
+    multiply_adds = max(before.multiply_adds, after.multiply_adds)
+    assert shows(re.search(r"^multiply-adds: +([\d.]+) G/s$", ran.printed, re.MULTILINE)[1], 1e-9 * multiply_adds)
+    launch = min(before.launch_seconds, after.launch_seconds)
+    assert shows(re.search(r"^launch: +([\d.]+) us$", ran.printed, re.MULTILINE)[1], 1e6 * launch)
+
+    table = ran.printed[ran.printed.index("stage  ") :].splitlines()
+    heads = ["stage", "map", "image", "N", "ms", "spread", "M per second", "share of its limit"]
+    assert re.split(r"\s{2,}", table[0].replace("map image", "map  image")) == heads
+    points = [StageMeasurement(**measured) for measured in ran.data["measurements"]]
+    for line, p in zip(table[1 : 1 + len(points)], points, strict=True):
+        assert line[:18].strip() == p.stage
+        size = f"{p.width} x {p.height}" if p.width else ""
+        assert size in line
+        shown = line[18:].replace(size, "", 1).split()
+        sizes = [str(n) for n in (p.resolution, p.N) if n]
+        assert shown[: len(sizes)] == sizes
+        milliseconds, spread, rate, amount, share, *of = shown[len(sizes) :]
+        assert shows(milliseconds, 1e3 * p.seconds)
+        assert shows(spread, 1e3 * p.spread)
+        assert shows(rate, 1e-6 * p.rate)
+        assert amount == p.unit
+        brute = p.stage == "shade"
+        assert of == (["x", "brute", "force"] if brute else ["%", p.bound])
+        assert shows(share, p.bound_share if brute else 100 * p.bound_share)
+        assert p.multiply_add_share == pytest.approx(p.operations / multiply_adds / p.seconds)

@@ -11,16 +11,17 @@ import json
 import math
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import matplotlib.colors
 import numpy as np
+import pyopencl as cl
 import pytest
 from helpers import module_of, stiff_radiance
-from lightdome import plotting, reference
+from lightdome import reference
 from lightdome.disc import disc_mask
 from lightdome.evaluation import (
     benchmark,
@@ -40,6 +41,8 @@ from lightdome.fresnel import plot
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import auto_exposure, tone_map, write_image
 from lightdome.opencl.device import Device
+from lightdome.opencl.profile import Profile
+from lightdome.opencl.programs import Programs
 from lightdome.sampling.distribution import build_distribution
 from lightdome.sampling.samples import Samples
 from matplotlib.axes import Axes
@@ -301,27 +304,17 @@ def test_the_benchmark_s_files_hold_every_figure(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_benchmark_s_script_prints_what_it_measured(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], drawn: dict[str, Figure]
 ) -> None:
     write_image(tmp_path / "map.pfm", stiff_radiance(8, 16))
-    asked: dict[tuple[str, int], tuple[int, int]] = {}
-    points: list[MethodMeasurement] = []
-    drawn: dict[str, Figure] = {}
-
-    def measure_method(
-        method: benchmark.Method, count: int, seeds: int, repeats: int, _: np.ndarray
-    ) -> MethodMeasurement:
-        asked[method.name, count] = (seeds, repeats)
-        points.append(measured(method.name, count, method.kind))
-        return points[-1]
-
-    monkeypatch.setattr(benchmark, "measure_method", measure_method)
-    monkeypatch.setattr(plotting, "save_figure", lambda figure, path: drawn.update({path.name: figure}))
     options = ["--methods", "independent", "light", "--counts", "16", "64", "--spp", "8", "2", "--resolution", "9"]
     options += ["--seeds", "5", "--repeats", "2", "--map", str(tmp_path / "map.pfm"), "--out", str(tmp_path / "out")]
     monkeypatch.setattr(sys, "argv", ["bench.py", *options])
     module_of("bench").main()
-    assert asked == {(n, c): (5, 2) for n, counts in (("independent", (16, 64)), ("light", (2, 8))) for c in counts}
+    written = json.loads((tmp_path / "out" / "bench.json").read_text())["measurements"]
+    points = [MethodMeasurement(**measurement) for measurement in written]
+    asked = [("independent", 16), ("independent", 64), ("light", 2), ("light", 8)]
+    assert [(p.method, p.count, p.seeds) for p in points] == [(*each, 5) for each in asked]
 
     printed = capsys.readouterr().out.splitlines()
     start = next(i for i, line in enumerate(printed) if line.startswith("method "))
@@ -345,16 +338,8 @@ def test_the_benchmark_s_script_prints_what_it_measured(
         assert rounded(shown.removesuffix(" ms"), 1e3 * best.wall_seconds)
     assert {
         name: figure.axes[0].get_xlabel().partition(",")[0].partition(":")[0] for name, figure in drawn.items()
-    } == {
-        "error_time.png": "run time",
-        "error_count.png": "count",
-        "stages.png": "share of the wall time",
-        "images.png": "",
-    }
-    assert {axes.get_title() for axes in drawn["images.png"].axes} >= {"exact", "independent 64", "light 8"}
-    assert [p["wall_seconds"] for p in json.loads((tmp_path / "out" / "bench.json").read_text())["measurements"]] == [
-        p.wall_seconds for p in points
-    ]
+    } == {"error_time": "run time", "error_count": "count", "stages": "share of the wall time", "images": ""}
+    assert {axes.get_title() for axes in drawn["images"].axes} >= {"exact", "independent 64", "light 8"}
 
 
 # ---- the roofline ----
@@ -407,36 +392,33 @@ def test_rates_and_shares_are_by_their_definitions() -> None:
         assert p.counted == ("brute force" if work.skips else "least")
 
 
-def test_limits_are_work_over_the_time_of_its_kernels(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Kernels do their work, but the device says that each takes 4 ms."""
-    launched: list[int] = []
-    real = type(device).kernel
+class Timed(Programs):
+    """Kernels that do their work, though the device says that each takes 4 ms."""
 
-    def kernel(self: Device, name: str, **defines: int) -> object:
-        run = real(self, name, **defines)
+    def kernel(self, name: str, **defines: int) -> Callable[..., object]:
+        kernel = super().kernel(name, **defines)
 
-        def launch(queue: object, size: tuple[int, ...], local: object, /, **arguments: object) -> object:
-            run(queue, size, local, **arguments).wait()
-            launched.append(size[0])
-            times = SimpleNamespace(start=1_000_000, end=5_000_000)
-            return SimpleNamespace(wait=lambda: None, command_execution_status=0, profile=times)
+        def run(queue: object, size: tuple[int, ...], local: object, /, **arguments: object) -> object:
+            kernel(queue, size, local, **arguments).wait()
+            times = {cl.profiling_info.START: 1_000_000, cl.profiling_info.END: 5_000_000}
+            return SimpleNamespace(wait=lambda: None, command_execution_status=0, get_profiling_info=times.get)
 
-        return launch
+        return run
 
-    monkeypatch.setattr(type(device), "kernel", kernel)
-    monkeypatch.setattr(roofline, "COPY_BYTES", (2**17, 2**19))
-    monkeypatch.setattr(roofline, "STEPS", 8)
-    copied, seconds = roofline.copy(device, 2**16)
+
+def test_limits_are_work_over_the_time_of_its_kernels(device: Device) -> None:
+    timed = replace(device, programs=Timed(device.context, FUSED=1), profile=Profile())
+    copied, seconds = roofline.copy(timed, 2**16)
+    assert copied.nbytes == 2**16
     assert seconds == pytest.approx(0.004)
-    limits = roofline.measure_limits(device)
-    assert limits.copies == pytest.approx(
-        {2 * size: 2 * size / 0.004 for size in (copied.nbytes, 2**18)}
-    )  # read, written
-    sums, _ = roofline.multiply_add(device, 8)
+    limits = roofline.measure_limits(timed, [2**17, 2**19])  # bytes that are read and written
+    assert limits.copies == pytest.approx({size: size / 0.004 for size in (2**17, 2**19)})
+    sums, seconds = roofline.multiply_add(timed, 8)
+    assert seconds == pytest.approx(0.004)
     chains = 1 if device.is_gpu else roofline.CHAINS
-    assert limits.multiply_adds == pytest.approx(sums.size * chains * 8 / 0.004)
+    assert limits.multiply_adds == pytest.approx(sums.size * chains * roofline.STEPS / 0.004)
     known = Stage("known", lambda: None, Work(2**18, 1, 1, "pixels"), events=(), beside_copy=True)
-    assert roofline.time_stage(device, known, 3).bandwidth == pytest.approx(2**18 / 0.004)
+    assert roofline.time_stage(timed, known, 3).bandwidth == pytest.approx(2**18 / 0.004)
 
 
 def test_a_launch_is_timed_from_the_call_to_its_end(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -527,57 +509,6 @@ def test_the_roofline_s_file_holds_every_figure(tmp_path: Path) -> None:
     with (tmp_path / "roofline.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert rows == [{name: plain(value) for name, value in asdict(p).items()} for p in RATED]
-
-
-def test_the_roofline_s_script_prints_what_it_measured(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    from lightdome.evaluation import roofline_stages
-
-    write_image(tmp_path / "map.pfm", stiff_radiance(8, 16))
-    before = Limits({2**21: 61e9, 2**29: 11e9}, 143e9, 9.9e-6)
-    after = Limits({2**21: 57e9, 2**29: 17e9}, 131e9, 7.3e-6)
-    limits = iter([before, after])
-    best = Limits({2**21: 61e9, 2**29: 17e9}, 143e9, 7.3e-6)
-    repeats = []
-    monkeypatch.setattr(roofline, "measure_limits", lambda _: next(limits))
-    monkeypatch.setattr(roofline, "time_stage", lambda _, stage, times: repeats.append(times) or stage)
-    monkeypatch.setattr(roofline_stages, "plan", lambda *_, **__: [(0.5, t) for t in TIMINGS])
-    monkeypatch.setattr(plotting, "save_figure", lambda *_: None)
-    options = ["--map", str(tmp_path / "map.pfm"), "--repeats", "7", "--out", str(tmp_path / "out")]
-    monkeypatch.setattr(sys, "argv", ["roofline.py", "--quick", *options])
-    module_of("roofline").main()
-    assert repeats == [7] * len(TIMINGS)
-    printed = capsys.readouterr().out
-    copies = re.findall(r"^copy of +(\d+) MiB: +([\d.]+) GB/s$", printed, re.MULTILINE)
-    assert copies == [("2", "61.0"), ("512", "17.0")]
-    assert re.search(r"^multiply-adds: +143\.0 G/s$", printed, re.MULTILINE)
-    assert re.search(r"^launch: +7\.3 us$", printed, re.MULTILINE)
-    table = printed[printed.index("stage  ") :].splitlines()
-    heads = ["stage", "map", "image", "N", "ms", "spread", "M per second", "share of its limit"]
-    assert re.split(r"\s{2,}", table[0].replace("map image", "map  image")) == heads
-    points = [roofline.rated(t, best) for t in TIMINGS]
-    for line, p in zip(table[1 : 1 + len(points)], points, strict=True):
-        size = f"{p.width} x {p.height}"
-        sizes = [str(n) for n in (p.resolution, p.N) if n]
-        name, rest = line[:18].strip(), line[18:].replace(size, "", 1).split()
-        assert name == p.stage
-        assert size in line
-        assert rest[: len(sizes)] == sizes
-        milliseconds, spread, rate, amount, share, *of = rest[len(sizes) :]
-        assert rounded(milliseconds, 1e3 * p.seconds)
-        assert rounded(spread, 1e3 * p.spread)
-        assert rounded(rate, p.rate / 1e6)
-        assert amount == p.unit
-        brute = p.stage == "shade"
-        assert of == (["x", "brute", "force"] if brute else ["%", p.bound])
-        assert rounded(share, p.bound_share if brute else 100 * p.bound_share)
-    data = json.loads((tmp_path / "out" / "roofline.json").read_text())
-    for name, found in (("before", before), ("after", after)):
-        content = data["limits"][name]
-        copies = {int(size): rate for size, rate in content.pop("copies").items()}
-        assert Limits(copies, **content) == found
-    assert data["measurements"] == [asdict(p) for p in points]
 
 
 # ---- stability ----
@@ -1069,11 +1000,11 @@ def test_schlick_s_plots_show_the_difference_and_its_largest(sides: tuple[float,
 
 
 def test_part_1_writes_and_says_the_textbook_s_values(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], drawn: dict[str, Figure]
 ) -> None:
-    monkeypatch.setattr(plot, "save", lambda figure, stem: [])
     monkeypatch.setattr(sys, "argv", ["part1_fresnel.py", "--eta", "1.7", "--out", str(tmp_path)])
     module_of("part1_fresnel").main()
+    assert set(drawn) == {f"{what}_{way}" for what in ("fresnel", "schlick") for way in ("entering", "leaving")}
     r0 = (0.7 / 2.7) ** 2
     degrees = np.linspace(0, 90, 18_001)
     schlick = r0 + (1 - r0) * (1 - np.cos(np.radians(degrees))) ** 5

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+import argparse
 import csv
 import json
 import math
+import multiprocessing
 import os
 import signal
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
-from helpers import Script, fails_in_one_line, module_of, stiff_radiance
+from helpers import Script, fails_in_one_line, stiff_radiance
 from lightdome import reference
 from lightdome.checks import made
+from lightdome.commands import stability as stability_command
 from lightdome.disc import disc_mask
 from lightdome.errors import LightdomeError
 from lightdome.evaluation import mitsuba_process, peer_mitsuba_distribution, peers, stability, stability_cases
@@ -312,28 +313,25 @@ def test_colours_are_light_where_a_goal_holds_and_dark_where_not() -> None:
 # ---- the script ----
 
 
-@pytest.fixture
-def table(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """The script, with three small cases: one holds, one has maps too, one does not fit."""
-    script = module_of("stability")
-    large = replace(BY_NAME["4096 x 2048, log-normal"], needs=2**62, large=False)
-    cases = [BY_NAME["light exactly behind"], BY_NAME["odd sizes"], large, BY_NAME["resolution 4096"]]
-    monkeypatch.setattr(stability_cases, "CASES", cases)
-    monkeypatch.setattr(script, "QUICK_DRAWS", 1000)
-    return script
+# One holds, one has maps too, one does not fit, and one is not for a quick run.
+SMALL_CASES = [
+    BY_NAME["light exactly behind"],
+    BY_NAME["odd sizes"],
+    replace(BY_NAME["4096 x 2048, log-normal"], needs=2**62, large=False),
+    BY_NAME["resolution 4096"],
+]
 
 
-def run_table(table: ModuleType, monkeypatch: pytest.MonkeyPatch, *arguments: object) -> None:
-    monkeypatch.setattr(sys, "argv", ["stability.py", "--quick", *map(str, arguments)])
-    table.main()
+def run_table(cases: list[Case], *peers: str, out: Path) -> None:
+    stability_command.run(argparse.Namespace(quick=True, peers=list(peers), device=None, out=out), cases, draws=1000)
 
 
 @pytest.mark.slow
 def test_the_script_writes_what_it_measured(
-    table: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(peer_mitsuba_distribution, "installed", lambda: False)
-    run_table(table, monkeypatch, "--peers", "mitsuba", "--out", tmp_path)
+    monkeypatch.setattr(mitsuba_process, "find_spec", lambda name: None)
+    run_table(SMALL_CASES, "mitsuba", out=tmp_path)
     printed = capsys.readouterr().out
     assert "2 cases hold, 0 fail, 1 skipped" in printed
     assert f"peer mitsuba: absent ({peers.INSTALL})" in printed
@@ -352,15 +350,12 @@ def test_the_script_writes_what_it_measured(
 
 
 @pytest.mark.slow
-def test_a_case_that_fails_fails_the_script(
-    table: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_case_that_fails_fails_the_script(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     def check(device: Device, draws: int) -> list[Figures]:
         return [{"p": 1e-7}, {"p": math.nan}, {"p": 1e-6}]
 
-    stability_cases.CASES.append(Case("hopeless", "none", check))
-    with pytest.raises(LightdomeError, match="1 of 4 cases fail"):
-        run_table(table, monkeypatch, "--out", tmp_path)
+    with pytest.raises(LightdomeError, match="1 of 2 cases fail"):
+        run_table([SMALL_CASES[0], Case("hopeless", "none", check)], out=tmp_path)
     assert "FAILS    lightdome  none: hopeless (off: p nan)" in capsys.readouterr().out
     assert '"p": "nan"' in (tmp_path / "stability.json").read_text()
 
@@ -412,8 +407,10 @@ def test_mitsuba_is_measured_not_judged(mitsuba: peer_mitsuba_distribution.Mitsu
 
 @pytest.mark.peer
 def test_a_mitsuba_that_crashes_costs_its_column_only() -> None:
+    others = set(multiprocessing.active_children())
     with started() as process:
-        os.kill(process._process._process.pid, signal.SIGABRT)
+        (child,) = set(multiprocessing.active_children()) - others
+        os.kill(child.pid, signal.SIGABRT)
         for _ in range(2):
             result = stability.run_peer(BY_NAME["odd sizes"], "mitsuba", process.sampler, DRAWS)
             assert result.verdict == "skipped"

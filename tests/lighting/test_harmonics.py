@@ -12,6 +12,7 @@ from lightdome.lighting.exact import exact
 from lightdome.lighting.harmonics import MAX_ORDER, Harmonics, clamped_cosine, project, shade_harmonics
 from lightdome.lighting.shade import shade
 from lightdome.maps.envmap import EnvironmentMap
+from lightdome.maps.rotation import rotation_matrix
 from lightdome.opencl.device import Device
 
 
@@ -107,6 +108,54 @@ def test_one_pixel_gives_the_clamped_cosines_series(device: Device, x: int, y: i
     np.testing.assert_allclose(image[mask], expected, atol=1e-5 * flux)
 
 
+def some_harmonics(order: int) -> Harmonics:
+    return Harmonics(np.random.default_rng(order).normal(size=((order + 1) ** 2, 3)))
+
+
+def test_nine_rotated_coefficients_are_those_of_the_rotated_light() -> None:
+    direction = reference.directions(4, 6).reshape(-1, 3)
+    light = np.random.default_rng(2).random((24, 3))
+    before = Harmonics(nine(direction).T @ light).rotated(250, -71, 33)
+    after = nine(direction @ rotation_matrix(250, -71, 33).T).T @ light
+    np.testing.assert_allclose(before.coefficients, after, atol=3e-6)  # the printed factors have six digits
+
+
+@pytest.mark.parametrize("order", [0, 1, 5, 30, MAX_ORDER])
+def test_rotated_harmonics_come_back(order: int) -> None:
+    harmonics = some_harmonics(order)
+    there = harmonics.rotated(20, 30, 40)
+    back = there.rotated(-20).rotated(0, -30, 0).rotated(0, 0, -40)
+    np.testing.assert_allclose(back.coefficients, harmonics.coefficients, atol=2e-13)
+    for n in range(order + 1):
+        of_degree = slice(n * n, (n + 1) ** 2)
+        power = (harmonics.coefficients[of_degree] ** 2).sum()
+        assert (there.coefficients[of_degree] ** 2).sum() == pytest.approx(power, rel=1e-12)
+
+
+def test_a_yaw_turns_the_phase_of_each_coefficient() -> None:
+    harmonics, yaw = some_harmonics(9), np.radians(25)
+    turned = harmonics.rotated(25).coefficients
+    for n in range(10):
+        for m in range(1, n + 1):
+            of_cosine, of_sine = harmonics.coefficients[n * n + n + m], harmonics.coefficients[n * n + n - m]
+            # Azimuths fall by the yaw.
+            c, s = np.cos(m * yaw), np.sin(m * yaw)
+            np.testing.assert_allclose(turned[n * n + n + m], c * of_cosine + s * of_sine, atol=1e-13)
+            np.testing.assert_allclose(turned[n * n + n - m], c * of_sine - s * of_cosine, atol=1e-13)
+
+
+def test_the_highest_order_turns_as_its_light(device: Device) -> None:
+    # Of two directions, degree l has (2 l + 1) / 4 pi P_l of their cosine: the addition theorem.
+    one, other = (project(device, point_light(32, 64, *place), MAX_ORDER) for place in ((5, 9), (40, 3)))
+    a, b = reference.directions(32, 64)[9, 5], reference.directions(32, 64)[3, 40]
+    flux = reference.pixel_solid_angles(32, 64)[9, 5] * reference.pixel_solid_angles(32, 64)[3, 40]
+    turned = one.rotated(70, -20, 130).coefficients[:, 0] * other.coefficients[:, 0] / flux
+    found = np.add.reduceat(turned, np.arange(MAX_ORDER + 1) ** 2)
+    cosine = rotation_matrix(70, -20, 130) @ a @ b
+    n = np.arange(MAX_ORDER + 1)
+    np.testing.assert_allclose(found, (2 * n + 1) / (4 * np.pi) * legendre(MAX_ORDER, cosine), atol=1e-5)
+
+
 def test_a_constant_map_is_its_colour(device: Device) -> None:
     envmap = EnvironmentMap(np.full((64, 128, 3), (0.25, 0.5, 1), np.float32))
     image = shade_harmonics(device, project(device, envmap, 0), 16)
@@ -129,6 +178,18 @@ def test_truncation_is_the_projection_of_lower_order(device: Device, stiff: Envi
     harmonics = project(device, stiff, 9).truncated(4)
     assert harmonics.order == 4
     np.testing.assert_array_equal(harmonics.coefficients, project(device, stiff, 4).coefficients)
+
+
+def test_what_was_used_and_left_out_is_told(device: Device, stiff: EnvironmentMap) -> None:
+    device.decisions.take()
+    harmonics = project(device, stiff, 5)
+    told = {d.what: d.used for d in device.decisions.take()}
+    assert (told["separate channels"], told["harmonics above order 5"]) == (True, False)
+    for order in (2, 5):
+        shade_harmonics(device, harmonics.truncated(order), 33)
+        told = {d.what: d.used for d in device.decisions.take()}
+        assert (told["separate channels"], told["tiles outside the disc"]) == (True, False)
+        assert told.get("odd orders above 1") == (None if order == 2 else False)
 
 
 @pytest.mark.parametrize("power", [-120, 100])
@@ -165,6 +226,10 @@ def test_other_orders_and_resolutions_are_refused(device: Device, stiff: Environ
         shade_harmonics(device, Harmonics(np.zeros(((MAX_ORDER + 2) ** 2, 3))))
     with pytest.raises(LightdomeError, match="resolution"):
         shade_harmonics(device, Harmonics(np.zeros((9, 3))), 0)
+    with pytest.raises(LightdomeError, match="order"):
+        Harmonics(np.zeros(((MAX_ORDER + 2) ** 2, 3))).rotated(1)
+    with pytest.raises(LightdomeError, match=r"^yaw must be a finite angle"):
+        Harmonics(np.zeros((9, 3))).rotated(np.inf)
 
 
 def test_errors_on_grace(device: Device, grace: EnvironmentMap) -> None:

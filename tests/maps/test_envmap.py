@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -231,13 +233,22 @@ def test_lights_samples_and_harmonics_have_arrays_of_their_own(device: Device) -
         np.testing.assert_array_equal(getattr(samples, name), getattr(drawn, name))
 
 
-def test_a_map_that_is_read_is_not_copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_image(tmp_path / "map.exr", stiff_radiance(4, 8))
-    read: list[np.ndarray] = []
-    monkeypatch.setattr(
-        "lightdome.maps.envmap.read_image", lambda *a, **k: read.append(read_image(*a, **k)) or read[-1]
-    )
-    assert EnvironmentMap.read(tmp_path / "map.exr").radiance is read[0]
+def test_a_map_that_is_read_is_not_copied(tmp_path: Path) -> None:
+    radiance = stiff_radiance(64, 128)
+    write_image(tmp_path / "map.exr", radiance)
+
+    def allocated(read: Callable[[Path], object]) -> list[tracemalloc.Traceback]:
+        """The lines of code that allocated what is as large as the map and stays."""
+        tracemalloc.start()
+        kept = read(tmp_path / "map.exr")
+        found = [trace.traceback for trace in tracemalloc.take_snapshot().traces if trace.size >= radiance.nbytes]
+        tracemalloc.stop()
+        del kept
+        return found
+
+    by_reader = allocated(read_image)
+    assert len(by_reader) == 1
+    assert allocated(EnvironmentMap.read) == by_reader
 
 
 def test_flipped_rows_come_in_reverse(tmp_path: Path) -> None:

@@ -321,7 +321,9 @@ def test_bad_chromaticities_are_refused(tmp_path: Path) -> None:
         read_image(written(tmp_path, Part({name: GREY.astype("f2") for name in ("Y", "RY", "BY")}, attributes=bad)))
 
 
-def test_a_cube_map_that_is_none_is_refused_and_samples_on_the_border_are_said(tmp_path: Path, script: Script) -> None:
+def test_a_cube_map_that_is_none_is_refused_and_samples_on_the_border_are_said(
+    tmp_path: Path, run_here: Script
+) -> None:
     cube = written(tmp_path, Part(planes(MAP), attributes={"envmap": ("envmap", b"\1")}))
     with pytest.raises(LightdomeError, match="no cube-openexr map, whose sides are 1:6"):
         EnvironmentMap.read(cube)
@@ -330,18 +332,18 @@ def test_a_cube_map_that_is_none_is_refused_and_samples_on_the_border_are_said(t
     np.testing.assert_array_equal(read_image(latlong), MAP)
     assert "border" in EnvironmentMap.read(latlong).notes[0]
     for more in ((), ("--samples-only",)):
-        result = script("part2_sample", "--map", latlong, "--counts", 3, "--out", tmp_path / "out", *more)
+        result = run_here("part2_sample", "--map", latlong, "--counts", 3, "--out", tmp_path / "out", *more)
         assert result.returncode == 0, result.stderr
         assert "envmap = latlong" in result.stderr
 
 
-def test_scripts_take_the_layer_and_list_the_layers(tmp_path: Path, script: Script) -> None:
+def test_scripts_take_the_layer_and_list_the_layers(tmp_path: Path, run_here: Script) -> None:
     path = written(tmp_path, layers(key=MAP, fill=OTHER))
-    result = script("part2_sample", "--map", path, "--out", tmp_path / "out")
+    result = run_here("part2_sample", "--map", path, "--out", tmp_path / "out")
     fails_in_one_line(result, "'fill'; 'key'", "--layer NAME")
     for more in ((), ("--samples-only",)):
         options = ("--map", path, "--layer", "key", "--counts", 3, "--out", tmp_path / "out")
-        assert script("part2_sample", *options, *more).returncode == 0
+        assert run_here("part2_sample", *options, *more).returncode == 0
         with np.load(tmp_path / "out" / "samples_3.npz") as samples:
             x, y = samples["pixel"].T
             np.testing.assert_array_equal(samples["radiance"], MAP[y, x])

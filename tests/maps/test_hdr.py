@@ -152,10 +152,12 @@ def test_exposure_and_colour_correction_are_divided_out_and_said(
     assert all("divided by" in note for note in notes)
 
 
-def test_scripts_say_that_they_divide(tmp_path: Path, script: Script) -> None:
+def test_scripts_say_that_they_divide(tmp_path: Path, run_here: Script) -> None:
     (tmp_path / "map.hdr").write_bytes(hdr(RGBE, b"EXPOSURE=2\n"))
     for more in ((), ("--samples-only",)):
-        result = script("part2_sample", "--map", tmp_path / "map.hdr", "--counts", 3, "--out", tmp_path / "out", *more)
+        result = run_here(
+            "part2_sample", "--map", tmp_path / "map.hdr", "--counts", 3, "--out", tmp_path / "out", *more
+        )
         assert result.returncode == 0, result.stderr
         assert "divided by 2" in result.stderr
 

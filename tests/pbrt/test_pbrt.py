@@ -349,18 +349,18 @@ def test_part_4_leaves_the_scenes_where_pbrt_is_missing(tmp_path, script):
     assert {"sphere_v3_4spp.pbrt", "sphere_v4_4spp.pbrt"} < {p.name for p in (out / "pbrt").iterdir()}
 
 
-def test_part_4_refuses_a_program_for_the_renderer_that_has_none(script):
-    assert script("part4_pbrt", "--renderer", "opencl", "--pbrt", "x").returncode == 2
-    assert script("part4_pbrt", "--renderer", "pbrt", "--device", "x").returncode == 2
+def test_part_4_refuses_a_program_for_the_renderer_that_has_none(run_here):
+    assert run_here("part4_pbrt", "--renderer", "opencl", "--pbrt", "x").returncode == 2
+    assert run_here("part4_pbrt", "--renderer", "pbrt", "--device", "x").returncode == 2
 
 
-def test_an_albedo_above_1_is_rendered_and_no_scene_is_written(tmp_path, script):
+def test_an_albedo_above_1_is_rendered_and_no_scene_is_written(tmp_path, run_here):
     write_image(tmp_path / "map.pfm", np.ones((4, 8, 3), np.float32))
     options = ("--map", tmp_path / "map.pfm", "--resolution", 9, "--spp", 4)
     images = {}
     for albedo, renderer in ((1, "opencl"), (2, "opencl"), (2, "auto")):
         out = tmp_path / f"{albedo} {renderer}"
-        result = script("part4_pbrt", *options, "--albedo", albedo, "--renderer", renderer, "--out", out)
+        result = run_here("part4_pbrt", *options, "--albedo", albedo, "--renderer", renderer, "--out", out)
         assert result.returncode == 0, result.stderr
         assert (out / "pbrt").exists() == (albedo == 1)
         assert ("note: no scene for PBRT was written" in result.stdout) == (albedo == 2)
@@ -370,8 +370,8 @@ def test_an_albedo_above_1_is_rendered_and_no_scene_is_written(tmp_path, script)
 
 
 @pytest.mark.parametrize("options", [("--renderer", "pbrt"), ("--pbrt", "x")])
-def test_an_albedo_that_pbrt_does_not_have_is_a_wrong_command_line(script, options):
-    result = script("part4_pbrt", "--albedo", "1.0000000001", *options)
+def test_an_albedo_that_pbrt_does_not_have_is_a_wrong_command_line(run_here, options):
+    result = run_here("part4_pbrt", "--albedo", "1.0000000001", *options)
     assert result.returncode == 2
     assert "got 1.0000000001" in result.stderr
 

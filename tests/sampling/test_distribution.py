@@ -14,11 +14,11 @@ from lightdome.evaluation.stability import chi_square_z
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.opencl import memory
 from lightdome.opencl.device import Device
-from lightdome.sampling import guide as guide_module
 from lightdome.sampling.cdf import build_row_cdfs
 from lightdome.sampling.device_map import DeviceMap
 from lightdome.sampling.distribution import Distribution, build_distribution
 from lightdome.sampling.draw import is_guided
+from lightdome.sampling.guide import build_guide
 from lightdome.sampling.samples import SEQUENCES, Samples
 
 SHAPES = [(1, 1), (1, 40), (40, 1), (2, 2), (15, 31), (16, 32), (17, 33), (64, 100)]
@@ -235,12 +235,13 @@ def test_pixels_alone_are_those_of_samples(device: Device, stiff: EnvironmentMap
         np.testing.assert_array_equal(probability, samples.probability)
 
 
-def test_large_maps_have_fewer_buckets(device: Device, stiff: EnvironmentMap, monkeypatch: pytest.MonkeyPatch) -> None:
-    plain = build_distribution(device, stiff).sample(100_000)
-    monkeypatch.setattr(guide_module, "MAX_BUCKETS", 300)
+def test_large_maps_have_fewer_buckets(device: Device, stiff: EnvironmentMap) -> None:
     distribution = build_distribution(device, stiff)
-    np.testing.assert_array_equal(distribution.sample(100_000).pixel, plain.pixel)
-    assert distribution.cdf.guide.rows.shape[1] <= 2 * 300 / stiff.height
+    plain = distribution.sample(100_000)
+    cdf = replace(distribution.cdf)
+    guide = vars(cdf)["guide"] = build_guide(device, cdf.rows, cdf.marginal, max_buckets=300)
+    assert guide.rows.shape[1] <= 2 * 300 / stiff.height
+    np.testing.assert_array_equal(replace(distribution, cdf=cdf).sample(100_000).pixel, plain.pixel)
 
 
 def test_maps_wider_than_16_bits_are_guided_too(device: Device) -> None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import fuzz
@@ -135,7 +135,7 @@ def assert_same(drawn: Samples, expected: Samples) -> None:
         assert one.dtype == other.dtype
         assert one.tobytes() == other.tobytes(), name
     assert (drawn.map_shape, drawn.sequence, drawn.seed) == (expected.map_shape, expected.sequence, expected.seed)
-    assert drawn.version == expected.version
+    assert (drawn.version, drawn.within) == (expected.version, expected.within)
 
 
 @pytest.mark.parametrize("batch", [1, 3, None])
@@ -152,6 +152,9 @@ def test_samples_are_those_of_the_map_in_memory(device: Device, tmp_path: Path, 
         sets = sample_file(device, ImageRows(path, batch), counts, 2**40 + 1, sequence)
         for count, samples in zip(counts, sets, strict=True):
             assert_same(samples, distribution.sample(count, 2**40 + 1, sequence))
+        sets = sample_file(device, ImageRows(path, batch), counts, 5, sequence, within="pixel")
+        for count, samples in zip(counts, sets, strict=True):
+            assert_same(samples, distribution.sample(count, 5, sequence, within="pixel"))
 
 
 @pytest.mark.parametrize("exponent", [-110, 90])
@@ -205,6 +208,19 @@ def test_flipped_rows_give_the_samples_of_the_flipped_map(
     assert_same(sample_file(device, ImageRows(path, batch, flip=True), [400])[0], flipped)
 
 
+def test_reordered_columns_give_the_samples_of_the_rolled_and_mirrored_map(device: Device, tmp_path: Path) -> None:
+    radiance = stiff_radiance(21, 43)
+    write_image(tmp_path / "map.pfm", radiance)
+    columns = np.roll(np.arange(43), 5)[::-1]
+    image = ImageRows(tmp_path / "map.pfm", 4, flip=True)
+    image.reorder(columns)
+    expected = build_distribution(device, EnvironmentMap(radiance[::-1, columns])).sample(400)
+    assert_same(sample_file(device, image, [400])[0], expected)
+    for wrong in (np.arange(42), np.arange(43) - 1, np.zeros(43), np.arange(43) + 0.5):
+        with pytest.raises(LightdomeError, match=r"^columns must [^\n]*$"):
+            image.reorder(wrong)
+
+
 def test_what_cannot_be_drawn_is_refused(device: Device, tmp_path: Path) -> None:
     path = tmp_path / "black.pfm"
     write_image(path, np.zeros((4, 8, 3), np.float32))
@@ -218,22 +234,17 @@ def test_what_cannot_be_drawn_is_refused(device: Device, tmp_path: Path) -> None
             sample_file(device, ImageRows(path), *arguments)
 
 
-def test_a_file_is_read_twice_however_many_sets_are_drawn(
-    device: Device, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_is_read_twice_however_many_sets_are_drawn(device: Device, tmp_path: Path) -> None:
     path = tmp_path / "map.exr"
     write_image(path, stiff_radiance(210, 43))
     read: list[int] = []
 
-    def counting(method: Callable[..., object]) -> Callable[..., object]:
-        def read_rows(image: ImageRows, rows: np.ndarray) -> object:
+    class Counted(ImageRows):
+        def read(self, rows: np.ndarray) -> object:
             read.append(len(rows))
-            return method(image, rows)
+            return super().read(rows)
 
-        return read_rows
-
-    monkeypatch.setattr(ImageRows, "read", counting(ImageRows.read))
-    sets = sample_file(device, ImageRows(path), [3, 5, 9])
+    sets = sample_file(device, Counted(path), [3, 5, 9])
     assert read == [210, len(np.unique(np.concatenate([samples.pixel[:, 1] for samples in sets])))]
 
 
@@ -272,16 +283,19 @@ def test_memory_is_for_bands_and_not_for_the_map(tmp_path: Path) -> None:
     np.testing.assert_array_equal(samples.radiance, np.tile(np.float32((1, 2, 3)), (1024, 1)))
 
 
-def test_part_2_draws_the_same_samples_without_pictures(script: Script, tmp_path: Path) -> None:
+def test_part_2_draws_the_same_samples_without_pictures(run_here: Script, tmp_path: Path) -> None:
     write_image(tmp_path / "map.exr", stiff_radiance(21, 43))
-    arguments = ("part2_sample", "--map", tmp_path / "map.exr", "--counts", 9, 5, "--sequence", "sobol", "--out")
-    result = script(*arguments, tmp_path / "only", "--samples-only")
+    arguments = ("part2_sample", "--map", tmp_path / "map.exr", "--counts", 9, 5, "--sequence", "sobol")
+    arguments = (*arguments, "--within", "pixel", "--out")
+    result = run_here(*arguments, tmp_path / "only", "--samples-only")
     assert result.returncode == 0, result.stderr
     assert "note: the map is 43 x 21" in result.stderr
     assert {path.name for path in (tmp_path / "only").iterdir()} == {"samples_5.npz", "samples_9.npz", "settings.json"}
-    assert script(*arguments, tmp_path / "all").returncode == 0
+    assert run_here(*arguments, tmp_path / "all").returncode == 0
     for name in ("samples_5.npz", "samples_9.npz"):
         assert (tmp_path / "only" / name).read_bytes() == (tmp_path / "all" / name).read_bytes()
+        assert Samples.load(tmp_path / "all" / name).within == "pixel"
+    assert json.loads((tmp_path / "all" / "settings.json").read_text())["options"]["within"] == "pixel"
 
 
 def test_a_map_that_is_too_large_is_refused_with_the_option_that_helps(script: Script, tmp_path: Path) -> None:

@@ -233,7 +233,7 @@ def judged(faults: Sequence[Fault], jobs: int, folder: Path) -> Iterator[Verdict
 
 def line(verdict: Verdict) -> str:
     """A line of the table."""
-    place = f"{verdict.fault.area:<8}{verdict.fault.file:<22}"
+    place = f"{verdict.fault.area:<9}{verdict.fault.file:<22}"
     return f"{place}{verdict.word:<11}{verdict.seconds:>5.0f} s  {verdict.fault.name:<58}{verdict.by}".rstrip()
 
 

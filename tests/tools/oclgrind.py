@@ -7,11 +7,11 @@ odd sizes, so that vectors meet their remainders; each kernel runs in the shape 
 Exits with 1 if Oclgrind has any finding, if it misses the faults of a kernel that is broken on purpose, or if a
 kernel of clkernels/ did not run.
 
-The search for what was never set is for row_cdf, marginal_cdf, guide, choose_rows, sample and sample_at with and
+The search for what was never set is for row_cdf, marginal_cdf, guide, choose_rows, sample with and
 without guides, shade, harmonics, render_light, render_bsdf and render_mis in the shape for a GPU, since that of
 Oclgrind 21.10 cannot follow all vectors: it takes lane 11 of any for never set where the memory was used before, and
 for a lane that does not matter it reads outside its own memory.
-tests/opencl/test_devices.py searches all kernels for it in another way.
+tests/opencl/test_device_agreement.py searches all kernels for it in another way.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from lightdome.rendering.per_pixel import ESTIMATORS, render
 from lightdome.rendering.per_pixel import SEQUENCES as RENDER_SEQUENCES
 from lightdome.sampling import draw as draw_module
 from lightdome.sampling.distribution import Distribution, build_distribution
-from lightdome.sampling.samples import SEQUENCES
+from lightdome.sampling.samples import SEQUENCES, WITHIN
 from lightdome.sampling.streaming import sample_file
 
 SHAPES = ((7, 5), (3, 33))
@@ -193,8 +193,10 @@ def draw(distribution: Distribution) -> None:
     for guided_from in (0, np.inf):
         draw_module.SAMPLES_PER_PIXEL = guided_from
         for sequence in SEQUENCES:
-            distribution.sample(19, 1, sequence)
-        distribution.sample_at(np.array([(0, 0), (1 - 2.0**-32, 1 - 2.0**-32), (0.5, 0.25)]))
+            for within in WITHIN:
+                distribution.sample(19, 1, sequence, within)
+        for within in WITHIN:
+            distribution.sample_at(np.array([(0, 0), (1 - 2.0**-32, 1 - 2.0**-32), (0.5, 0.25)]), within)
 
 
 def draw_pixels(distribution: Distribution) -> None:

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import re
+import threading
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 import pyopencl as cl
 import pytest
 from helpers import ROOT
+from lightdome.errors import LightdomeError
 from lightdome.opencl import memory
-from lightdome.opencl import profile as profile_module
 from lightdome.opencl.device import Device
 from lightdome.opencl.memory import DeviceArray
-from lightdome.opencl.profile import Profile
+from lightdome.opencl.profile import PENDING, Profile
 from lightdome.opencl.programs import source
 from lightdome.opencl.signature import Parameter, Signature, signature
 
@@ -65,6 +67,13 @@ def test_every_kernel_has_a_signature_that_is_understood(path: object) -> None:
 def test_a_signature_that_is_not_understood_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match=r"no kernel of its name|not understood|unknown type|has 3 lanes"):
         signature("some", text)
+
+
+def test_what_a_kernel_does_not_read_may_be_absent_but_not_what_it_writes() -> None:
+    table, _, _, arcs, _ = signature("some", TEXT).parameters
+    assert table.cast(None) is None
+    with pytest.raises(TypeError, match="must be an array on the device, got NoneType"):
+        arcs.cast(None)
 
 
 def test_scalars_and_vectors_are_cast_to_the_types_of_the_signature(device: Device) -> None:
@@ -191,33 +200,70 @@ def test_groups_are_filled_up(device: Device, step: int | None) -> None:
     device.wait()
 
 
-def test_what_a_kernel_works_on_stays_until_it_is_done(device: Device) -> None:
-    gate = cl.UserEvent(device.context)
+@pytest.fixture
+def gate(device: Device) -> Iterator[cl.UserEvent]:
+    """Holds up what is launched until it is complete."""
+    event = cl.UserEvent(device.context)
     device.wait()
-    cl.enqueue_barrier(device.queue, wait_for=[gate])
-    try:
-        array = memory.empty(device, 16, np.float32)
-        radiance = memory.empty(device, 3, np.float32)
-        device.launch("sampling/map_weights", (1,), radiance=radiance, width=1, scale=1, f=array)
-        alive = weakref.ref(array)
-        del array
-        gc.collect()
-        assert alive() is not None
-    finally:
-        gate.set_status(cl.command_execution_status.COMPLETE)
+    cl.enqueue_barrier(device.queue, wait_for=[event])
+    yield event
+    if event.command_execution_status != cl.command_execution_status.COMPLETE:
+        event.set_status(cl.command_execution_status.COMPLETE)
+    device.wait()
+
+
+def weigh(device: Device) -> weakref.ref[DeviceArray]:
+    """Launch a kernel; whether what it writes to is still kept."""
+    array, radiance = memory.empty(device, 16, np.float32), memory.empty(device, 3, np.float32)
+    device.launch("sampling/map_weights", (1,), radiance=radiance, width=1, scale=1, f=array)
+    return weakref.ref(array)
+
+
+def test_what_a_kernel_works_on_stays_until_it_is_done(device: Device, gate: cl.UserEvent) -> None:
+    alive = weigh(device)
+    gc.collect()
+    assert alive() is not None
+    gate.set_status(cl.command_execution_status.COMPLETE)
     device.wait()
     gc.collect()
     assert alive() is None
 
 
-def test_a_profile_keeps_no_event_for_ever(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(profile_module, "PENDING", 3)
+@contextlib.contextmanager
+def opened_soon(gate: cl.UserEvent) -> Iterator[None]:
+    """Complete ``gate`` while the block waits for it."""
+    opener = threading.Timer(0.1, gate.set_status, [cl.command_execution_status.COMPLETE])
+    opener.start()
+    try:
+        yield
+    finally:
+        opener.join()
+
+
+def test_so_many_launches_are_under_way_and_no_more(device: Device, gate: cl.UserEvent) -> None:
+    alive = weigh(device)
+    for _ in range(PENDING - 1):
+        device.launch("limits/launch", (1,))
+    assert alive() is not None
+    with opened_soon(gate):
+        device.launch("limits/launch", (1,))  # waits for the oldest
+        assert alive() is None
+
+
+def test_memory_is_refused_once_nothing_is_under_way(device: Device, gate: cl.UserEvent) -> None:
+    """The process may end next, and some compilers, still at work for a kernel, would crash it."""
+    alive = weigh(device)
+    with opened_soon(gate):
+        with pytest.raises(LightdomeError, match="use fewer samples"):
+            memory.empty(device, 2**60, np.uint8)
+        assert alive() is None
+
+
+def test_a_profile_adds_up_what_it_forgets(device: Device) -> None:
     fresh = replace(device, profile=Profile())
     for _ in range(10):
         fresh.launch("limits/launch", (1,))
-        assert len(fresh.profile._pending) <= 3
     ten = fresh.profile.seconds()["launch"]
-    assert not fresh.profile._pending
     assert ten > 0
     fresh.launch("limits/launch", (1,), stage="another")
     assert fresh.profile.seconds().keys() == {"launch", "another"}

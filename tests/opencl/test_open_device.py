@@ -10,6 +10,7 @@ import sys
 from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyopencl as cl
@@ -18,7 +19,6 @@ from helpers import stiff_radiance
 from lightdome.errors import LightdomeError
 from lightdome.lighting.shade import shade_samples
 from lightdome.maps.envmap import EnvironmentMap
-from lightdome.opencl import device as device_module
 from lightdome.opencl import memory, probe
 from lightdome.opencl.device import Device, open_device
 from lightdome.opencl.programs import Programs, source
@@ -148,14 +148,16 @@ class Machine:
 
         class Numbered:
             def __init__(self, number: int) -> None:
+                self.number = number
                 self.driver_version = f"driver {number}"
 
             def __getattr__(self, name: str) -> object:
                 return getattr(handle, name)
 
-        found = [device_module._Candidate(0, number, Numbered(number)) for number in range(len(devices))]
-        monkeypatch.setattr(device_module, "_candidates", lambda: found)
-        monkeypatch.setattr(device_module, "_open", lambda trial: trial.candidate.index)
+        handles = [Numbered(number) for number in range(len(devices))]
+        monkeypatch.setattr(cl, "get_platforms", lambda: [SimpleNamespace(get_devices=lambda: handles)])
+        monkeypatch.setattr(cl, "Context", lambda handles: None)
+        monkeypatch.setattr(cl, "CommandQueue", lambda context, properties: None)
         monkeypatch.setattr(subprocess, "run", self.run)
 
     def run(self, command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
@@ -166,6 +168,11 @@ class Machine:
         if isinstance(does, str):
             return subprocess.CompletedProcess(command, 1, "", f"probe: the device fails: {does}\n")
         return subprocess.CompletedProcess(command, 0, json.dumps(does.to_json()) + "\n", "")
+
+
+def opened(asked: str | None = None) -> int:
+    """The number of the device that is taken."""
+    return open_device(asked).handle.number
 
 
 def test_the_fastest_device_is_taken(device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -182,7 +189,7 @@ def test_the_fastest_device_is_taken(device: Device, monkeypatch: pytest.MonkeyP
         ((replace(FAST, copies=1e9), FAST), 1),
     ):
         Machine(device.handle, monkeypatch, *devices)
-        assert open_device() == taken
+        assert opened() == taken
         for record in tmp_path.rglob("*.json"):
             record.unlink()
 
@@ -200,10 +207,10 @@ def test_the_order_of_devices_does_not_choose(
             record.unlink()
         Machine(device.handle, monkeypatch, *devices)
         for _ in range(2):  # from new probes, and from what is remembered
-            assert open_device(asked) == devices.index(FAST)
+            assert opened(asked) == devices.index(FAST)
         for number, does in enumerate(devices):
             if does != "broken":
-                assert open_device(f"driver {number}") == number
+                assert opened(f"driver {number}") == number
 
 
 def test_an_index_is_not_the_beginning_of_another(
@@ -212,7 +219,7 @@ def test_an_index_is_not_the_beginning_of_another(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     slow = replace(FAST, fused=5e10, plain=5e10)
     Machine(device.handle, monkeypatch, *[slow] * 10, FAST)
-    assert [open_device("0:1"), open_device("0:01"), open_device("0:10")] == [1, 1, 10]
+    assert [opened("0:1"), opened("0:01"), opened("0:10")] == [1, 1, 10]
 
 
 def test_a_failure_is_remembered_for_a_day_where_another_device_works(
@@ -221,16 +228,16 @@ def test_a_failure_is_remembered_for_a_day_where_another_device_works(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.delenv("PYOPENCL_CTX", raising=False)
     machine = Machine(device.handle, monkeypatch, "broken", FAST)
-    assert [open_device(), open_device()] == [1, 1]
+    assert [opened(), opened()] == [1, 1]
     assert machine.probed == [1, 1]
     for record in tmp_path.rglob("*.json"):
         if "broken" in record.read_text():
             os.utime(record, (0, 0))
-    open_device()
+    opened()
     assert machine.probed == [2, 1]
     # Asked for by name, a device is tried again.
     machine.devices[0] = FAST
-    assert open_device("0:0") == 0
+    assert opened("0:0") == 0
 
 
 def test_kernels_fuse_multiply_adds_where_that_is_not_slower() -> None:
@@ -298,11 +305,11 @@ def test_a_damaged_record_of_a_device_is_made_again(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.delenv("PYOPENCL_CTX", raising=False)
     machine = Machine(device.handle, monkeypatch, FAST)
-    open_device()
+    opened()
     (path,) = tmp_path.rglob("*.json")
     whole = path.read_text()
     path.write_text(record)
-    assert open_device() == 0
+    assert opened() == 0
     assert machine.probed == [2]
     assert path.read_text() == whole
 
@@ -331,7 +338,8 @@ def test_the_probe_has_a_command_line(arguments: str, status: int, said: str) ->
 
 def test_the_probe_says_why_a_device_fails_in_one_line(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     platform = cl.get_platforms().index(device.handle.platform)
-    monkeypatch.setattr(probe, "_SOURCE", "kernel void probe(global float *a) { undeclared; }")
+    build = cl.Program
+    monkeypatch.setattr(cl, "Program", lambda context, text: build(context, text.replace("{", "{ undeclared;")))
     with pytest.raises(LightdomeError, match="undeclared") as error:
         probe.probe(platform, device.handle.platform.get_devices().index(device.handle))
     assert "\n" not in str(error.value)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import ImageRows, write_image
 from lightdome.opencl import memory
 from lightdome.opencl.device import Device, open_device
-from lightdome.opencl.memory import DeviceArray
+from lightdome.opencl.programs import Programs
 from lightdome.rendering.per_pixel import ESTIMATORS, render
 from lightdome.rendering.per_pixel import SEQUENCES as RENDER_SEQUENCES
 from lightdome.sampling.distribution import Distribution, build_distribution
@@ -45,9 +45,9 @@ def digest(*arrays: np.ndarray) -> str:
     return hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)).hexdigest()[:16]
 
 
-def samples_of(distribution: Distribution, sequence: str) -> str:
+def samples_of(distribution: Distribution, sequence: str, within: str = "centre") -> str:
     """A digest of samples, few and many."""
-    drawn = [distribution.sample(count, 2**40 + 5, sequence) for count in (1, 1000, 100_000)]
+    drawn = [distribution.sample(count, 2**40 + 5, sequence, within) for count in (1, 1000, 100_000)]
     return digest(*(a for s in drawn for a in (s.pixel, s.probability, s.direction, s.radiance)))
 
 
@@ -87,6 +87,7 @@ def test_the_same_seed_gives_the_same_samples_to_the_last_bit(devices: list[Devi
     for device in devices:
         distribution = build_distribution(device, EnvironmentMap(MAPS[name]))
         assert samples_of(distribution, sequence) == RECORDED_SAMPLES[name, sequence], device.description
+        assert samples_of(distribution, sequence, "pixel") == RECORDED_WITHIN[name, sequence], device.description
 
 
 def test_cdfs_and_median_cuts_are_the_same_to_the_last_bit(devices: list[Device]) -> None:
@@ -108,50 +109,56 @@ def test_images_are_the_same_to_1e_5(devices: list[Device]) -> None:
 
 
 def test_nothing_depends_on_what_memory_held_before(devices: list[Device], monkeypatch: pytest.MonkeyPatch) -> None:
-    empty = memory.empty
+    make = cl.Buffer
     for device in devices:
         results = []
         for byte in (0, 0xFF):  # as float: 0 and NaN
 
             def filled(
-                device: Device,
-                shape: int | tuple[int, ...],
-                dtype: type,
+                context: cl.Context,
+                flags: int,
+                size: int = 0,
+                hostbuf: np.ndarray | None = None,
+                *,
+                queue: cl.CommandQueue = device.queue,
                 byte: int = byte,
-            ) -> DeviceArray:
-                array = empty(device, shape, dtype)
-                size = math.prod(array.shape) * array.dtype.itemsize
-                cl.enqueue_fill_buffer(device.queue, array.buffer, np.uint8(byte), 0, size)
-                return array
+            ) -> cl.Buffer:
+                """OpenCL's memory, as another program may have left it."""
+                buffer = make(context, flags, size, hostbuf)
+                if flags & cl.mem_flags.READ_WRITE:  # for results; others hold what was uploaded
+                    cl.enqueue_fill_buffer(queue, buffer, np.uint8(byte), 0, buffer.size)
+                return buffer
 
-            monkeypatch.setattr(memory, "empty", filled)
+            monkeypatch.setattr(cl, "Buffer", filled)
             distribution = build_distribution(device, EnvironmentMap(MAPS["stiff"]))
             drawn = [samples_of(distribution, "sobol"), digest(*distribution.sample_pixels(100_000))]
             results.append(drawn + [digest(image) for image in images(distribution).values()])
         assert results[0] == results[1], device.description
 
 
-def test_no_kernel_waits_for_a_compiler_at_another_size(
-    devices: list[Device], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Left to choose a local size, PoCL takes another for nearly every global one and compiles for each."""
-    fetch = Device.kernel
+class GivenLocalSizes(Programs):
+    """Kernels that refuse to choose a local size themselves."""
 
-    def checked(device: Device, name: str, **defines: int) -> Callable[..., cl.Event]:
-        def launch(queue: cl.CommandQueue, size: tuple[int, ...], local: object, /, **arguments: object) -> cl.Event:
+    def kernel(self, name: str, **defines: int) -> Callable[..., cl.Event]:
+        kernel = super().kernel(name, **defines)
+
+        def run(queue: cl.CommandQueue, size: tuple[int, ...], local: object, /, **arguments: object) -> cl.Event:
             assert local is not None, name
-            return fetch(device, name, **defines)(queue, size, local, **arguments)
+            return kernel(queue, size, local, **arguments)
 
-        return launch
+        return run
 
-    monkeypatch.setattr(Device, "kernel", checked)
+
+def test_no_kernel_waits_for_a_compiler_at_another_size(devices: list[Device], tmp_path: Path) -> None:
+    """Left to choose a local size, PoCL takes another for nearly every global one and compiles for each."""
     write_image(tmp_path / "map.pfm", MAPS["stiff"])
     for device in devices:
         if not device.is_gpu:
-            distribution = build_distribution(device, EnvironmentMap(MAPS["stiff"]))
+            checked = replace(device, programs=GivenLocalSizes(device.context, FUSED=int(device.rates.is_fused), CPU=1))
+            distribution = build_distribution(checked, EnvironmentMap(MAPS["stiff"]))
             samples_of(distribution, "sobol")
             images(distribution)
-            sample_file(device, ImageRows(tmp_path / "map.pfm"), [5])
+            sample_file(checked, ImageRows(tmp_path / "map.pfm"), [5])
 
 
 # Recorded once. What draws or computes others breaks every user's files.
@@ -168,6 +175,20 @@ RECORDED_SAMPLES = {
     ("tiny", "stratified"): "a6a4d3e5fa8ecf30",
     ("tiny", "sobol"): "599c22556f9741f8",
     ("tiny", "r2"): "0ba51cdc3b236c8d",
+}
+RECORDED_WITHIN = {
+    ("stiff", "independent"): "e7467a77ce96f7a7",
+    ("stiff", "stratified"): "cb43f906fae77767",
+    ("stiff", "sobol"): "75cb4b7ffb60713d",
+    ("stiff", "r2"): "b534a3013d9c3161",
+    ("smooth", "independent"): "c9697f7c4648c206",
+    ("smooth", "stratified"): "73614b5ca9119737",
+    ("smooth", "sobol"): "f8aa41bc26109253",
+    ("smooth", "r2"): "b39154fc3665e2aa",
+    ("tiny", "independent"): "c3f9779ea39a9f8a",
+    ("tiny", "stratified"): "ed37b1bdf61118ac",
+    ("tiny", "sobol"): "bce38c114b715448",
+    ("tiny", "r2"): "98a345ef1f5b93a7",
 }
 RECORDED_CDFS = ("64657c85960a7c55", "0c29caba3feee043")
 RECORDED_MEANS = {

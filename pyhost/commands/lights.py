@@ -1,0 +1,88 @@
+"""A map as a few lights, written for another program."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import LightdomeError
+from ..names import LIGHT_FORMATS, LIGHT_METHODS
+from . import cli
+
+if TYPE_CHECKING:
+    from ..lighting.lights import Lights
+    from ..maps.envmap import EnvironmentMap
+    from ..opencl.device import Device
+
+
+def main() -> None:
+    parser = cli.parser(
+        "Turn a map into a few directional lights, as a file for another program.\n\n"
+        "median-cut gives lights of equal energy and is best for few of them; sun+median-cut makes the sun one light"
+        " and cuts the rest; the others draw samples. Together the lights have the flux of the map. Axes and units are"
+        " at the head of the file.",
+        "map.exr --count 16 --out lights.py",
+    )
+    cli.map_options(parser, positional=True)
+    parser.add_argument("--method", choices=LIGHT_METHODS, default="median-cut", help="how lights are made")
+    parser.add_argument("--count", type=cli.positive_int, default=16, metavar="N", help="number of lights")
+    parser.add_argument("--seed", type=cli.seed, default=0, help="seed of the methods that draw samples")
+    parser.add_argument(
+        "--format",
+        choices=LIGHT_FORMATS,
+        help="the program that reads the file"
+        f" (default: by the suffix, {', '.join(f'{s} {n}' for n, s in LIGHT_FORMATS.items())})",
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="file to write")
+    cli.device_option(parser)
+    args = parser.parse_args()
+
+    from ..lighting.light_files import light_format, write_lights
+
+    name = light_format(args.out, args.format)
+    if not args.out.parent.is_dir():
+        raise LightdomeError(f"cannot write {args.out}: there is no folder {args.out.parent}; make it, or change --out")
+    envmap = cli.load_map(args)
+    lights = make(cli.open_device(args), envmap, args.method, args.count, args.seed)
+    write_lights(args.out, lights, name)
+    print(f"wrote {args.out}: {len(lights)} lights by {args.method}, as {name}")
+
+
+def make(device: Device, envmap: EnvironmentMap, method: str, count: int, seed: int) -> Lights:
+    """``count`` lights of the map; raises :class:`LightdomeError` where it has light in fewer pixels."""
+    from ..lighting.lights import Lights
+    from ..sampling.distribution import build_distribution
+
+    if method == "median-cut":
+        return cut(device, envmap, count)
+    if method == "sun+median-cut":
+        return sun_and_cut(device, envmap, count)
+    return Lights.of(build_distribution(device, envmap).sample(count, seed=seed, sequence=method))
+
+
+def sun_and_cut(device: Device, envmap: EnvironmentMap, count: int) -> Lights:
+    """The sun as the first light, and what is left of the map by median cut."""
+    from ..lighting.lights import Lights
+    from ..maps.analysis import split_sun
+
+    if count == 1:
+        raise LightdomeError("the sun is one light and the rest of the map needs others: --count must be at least 2")
+    split = split_sun(envmap)
+    if split.rest.peak == 0:
+        raise LightdomeError("there is nothing but the sun in the map; use --method median-cut")
+    rest = cut(device, split.rest, count - 1)
+    direction = [split.sun.direction_xyz, *rest.direction]
+    return Lights(direction, [split.sun.flux_rgb_radiance_sr, *rest.flux])
+
+
+def cut(device: Device, envmap: EnvironmentMap, count: int) -> Lights:
+    """Lights of equal energy."""
+    from ..lighting.median_cut import median_cut
+    from ..sampling.distribution import build_distribution
+
+    lights = median_cut(build_distribution(device, envmap), count)
+    if len(lights) < count:
+        raise LightdomeError(
+            f"only {len(lights)} of the map's pixels have light, so there are no {count} lights; lower --count"
+        )
+    return lights

@@ -1,0 +1,324 @@
+"""What goes wrong in renderers of environment light, and the image that each mistake converges to.
+
+A light sample is drawn with probability q, and adds (albedo / pi) max(0, n . w) (L / I) Phi / N to a pixel of normal n,
+where I = (R + G + B) / 3 and Phi is the sum of I x solid angle. If q is proportional to I sin(theta), the sum converges
+to the exact image. A mistake in q, in the term or in the direction makes it converge to the exact image of another map,
+which is what ``effect`` makes: from the radiance (H, W, 3) of a map, float64, to that of another map. A mistake on the
+side of the surface has a ``surface`` instead: from the irradiance as a function of a vector, and the normals, to the
+irradiance that it shows; one in the image itself has a ``picture``, from the exact image's pixels to those it has.
+
+The list was gathered from solutions of students and from reports of renderers' users.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..maps.geometry import directions, row_angles, solid_angles
+
+Effect = Callable[[np.ndarray], np.ndarray]
+Irradiance = Callable[[np.ndarray], np.ndarray]  # of vectors (N, 3), which may have any length: (N, 3)
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A mistake: its ``name``, ``what`` it is, how it is ``seen`` in an image, and ``where`` in code people make it."""
+
+    name: str
+    what: str
+    seen: str
+    where: str
+    effect: Effect | None = None
+    surface: Callable[[Irradiance, np.ndarray], np.ndarray] | None = None
+    picture: Callable[[np.ndarray], np.ndarray] | None = None
+    exposed: bool = True  # its absolute brightness tells it apart; otherwise its shape alone does
+
+
+def luminance(radiance: np.ndarray) -> np.ndarray:
+    """I = (R + G + B) / 3, (H, W)."""
+    return radiance.mean(axis=2)
+
+
+def pixel_areas(radiance: np.ndarray) -> np.ndarray:
+    """Solid angles of the pixels, (H, 1)."""
+    return solid_angles(*radiance.shape[:2])[:, None]
+
+
+def drawn_with(weight: np.ndarray, radiance: np.ndarray) -> np.ndarray:
+    """The map whose exact image appears if pixels are drawn in proportion to ``weight`` (H, W) and summed as usual."""
+    total = weight.sum()
+    if not total > 0:
+        return np.zeros_like(radiance)
+    I, area = luminance(radiance), pixel_areas(radiance)  # noqa: E741 - the formula's name
+    flux = (I * area).sum()
+    per_light = np.divide(weight, I, out=np.zeros_like(I), where=I > 0) / total * flux / area
+    return radiance * per_light[..., None]
+
+
+def _sine(radiance: np.ndarray) -> np.ndarray:
+    return np.sin(row_angles(len(radiance)))[:, None]
+
+
+def splat(direction: np.ndarray, flux: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """A map (H, W, 3) of lights: ``direction`` (N, 3) with ``flux`` (N, 3), each in the pixel that it lies in."""
+    height, width = shape
+    theta = np.arccos(np.clip(direction[:, 1], -1, 1))
+    phi = np.arctan2(direction[:, 2], direction[:, 0]) % (2 * np.pi)
+    y = np.minimum((theta / np.pi * height).astype(int), height - 1)
+    x = np.minimum((phi / (2 * np.pi) * width).astype(int), width - 1)
+    sums = [np.bincount(y * width + x, flux[:, c], height * width) for c in range(3)]
+    return np.stack(sums, axis=1).reshape(height, width, 3) / solid_angles(height, width)[:, None, None]
+
+
+def _at(angles: Callable[[np.ndarray, np.ndarray, int, int], tuple[np.ndarray, np.ndarray]]) -> Effect:
+    """The map whose pixels shine from elsewhere: ``angles`` (theta, phi) of rows y (H, 1) and columns x (1, W)."""
+
+    def effect(radiance: np.ndarray) -> np.ndarray:
+        height, width = radiance.shape[:2]
+        theta, phi = np.broadcast_arrays(*angles(np.arange(height)[:, None], np.arange(width)[None], height, width))
+        flux = radiance * pixel_areas(radiance)[..., None]
+        return splat(directions(theta, phi).reshape(-1, 3), flux.reshape(-1, 3), (height, width))
+
+    return effect
+
+
+def _rec709(radiance: np.ndarray) -> np.ndarray:
+    return drawn_with(radiance @ np.array([0.2126, 0.7152, 0.0722]) * _sine(radiance), radiance)
+
+
+def _other_rows(radiance: np.ndarray) -> np.ndarray:
+    """The row is drawn from the right CDF, the column from that of the next row."""
+    weight = luminance(radiance) * _sine(radiance)
+    total = weight.sum(axis=1, keepdims=True)
+    share = np.divide(weight, total, out=np.zeros_like(weight), where=total > 0)
+    return drawn_with(total * np.roll(share, -1, axis=0), radiance)
+
+
+def _sorted(radiance: np.ndarray) -> np.ndarray:
+    return drawn_with(np.sort(luminance(radiance) * _sine(radiance), axis=1), radiance)
+
+
+def _same_number(radiance: np.ndarray) -> np.ndarray:
+    """One random number picks the row, and the same one the column."""
+    weight = luminance(radiance) * _sine(radiance)
+    rows = weight.sum(axis=1)
+    if not rows.sum() > 0:
+        return np.zeros_like(radiance)
+    u = (np.arange(2**18) + 0.5) / 2**18
+    cdf = np.cumsum(rows)
+    y = np.searchsorted(cdf, u * cdf[-1], side="right").clip(max=len(rows) - 1)
+    within = np.cumsum(weight, axis=1)
+    x = np.empty_like(y)
+    for row in np.unique(y):
+        here = y == row
+        x[here] = np.searchsorted(within[row], u[here] * within[row, -1], side="right")
+    x = x.clip(max=weight.shape[1] - 1)
+    drawn = np.bincount(y * weight.shape[1] + x, minlength=weight.size).reshape(weight.shape).astype(float)
+    return drawn_with(drawn, radiance)
+
+
+def _first_row_lost(radiance: np.ndarray) -> np.ndarray:
+    """The CDF over rows has no entry for row 0, so that each row found is one too far down."""
+    return drawn_with(np.roll(luminance(radiance) * _sine(radiance), 1, axis=0), radiance)
+
+
+def _unclamped(irradiance: Irradiance, normal: np.ndarray) -> np.ndarray:
+    return irradiance(normal) - irradiance(-normal)
+
+
+def _both_sides(irradiance: Irradiance, normal: np.ndarray) -> np.ndarray:
+    return irradiance(normal) + irradiance(-normal)
+
+
+def _flat(irradiance: Irradiance, normal: np.ndarray) -> np.ndarray:
+    return irradiance(np.stack([normal[:, 0], normal[:, 1], np.ones(len(normal))], axis=1))
+
+
+def _no_root(irradiance: Irradiance, normal: np.ndarray) -> np.ndarray:
+    return irradiance(normal * [1, 1, 0] + normal**2 * [0, 0, 1])
+
+
+CAUSES = (
+    Cause(
+        "no sin(theta)",
+        "the weights of pixels lack sin(theta), or the density lacks the pixel's solid angle",
+        "too much light from the poles of the map, straight up and straight down",
+        "where the luminance is multiplied for the CDFs, and where p(x, y) is divided by the solid angle",
+        lambda L: drawn_with(luminance(L), L),
+        exposed=False,
+    ),
+    Cause(
+        "p of a pixel used as a density",
+        "the radiance is divided by p(x, y), the probability of a pixel, and not by p(x, y) / solid angle of the pixel",
+        "thousands of times too bright, and too much light from straight up and straight down",
+        "where a sample's term is divided by its density",
+        lambda L: L / pixel_areas(L)[..., None],
+    ),
+    Cause(
+        "sin(theta) twice",
+        "sin(theta) is in the weights twice, or in the weights and in the term",
+        "too little light from above and from below",
+        "where the luminance is multiplied for the CDFs, and again in the sum over samples",
+        lambda L: drawn_with(luminance(L) * _sine(L) ** 2, L),
+        exposed=False,
+    ),
+    Cause(
+        "theta over half its range",
+        "theta runs from 0 to pi / 2 over the rows and not to pi",
+        "all light comes from above; the lower half of the sphere is dark",
+        "theta = pi (y + 1/2) / H, not pi / 2",
+        _at(lambda y, x, H, W: (np.pi / 2 * (y + 0.5) / H, 2 * np.pi * (x + 0.5) / W)),
+    ),
+    Cause(
+        "theta over twice its range",
+        "theta runs from 0 to 2 pi over the rows and not to pi",
+        "the lower half of the map lights the sphere from behind its true place",
+        "theta = pi (y + 1/2) / H, not 2 pi",
+        _at(lambda y, x, H, W: (2 * np.pi * (y + 0.5) / H, 2 * np.pi * (x + 0.5) / W)),
+    ),
+    Cause(
+        "phi over half its range",
+        "phi runs from 0 to pi over the columns and not to 2 pi",
+        "all light comes from one side",
+        "phi = 2 pi (x + 1/2) / W, not pi",
+        _at(lambda y, x, H, W: (np.pi * (y + 0.5) / H, np.pi * (x + 0.5) / W)),
+    ),
+    Cause(
+        "x and y swapped",
+        "the row is used for phi and the column for theta",
+        "lamps are at quite other places",
+        "where a pixel (x, y) becomes (phi, theta), or an array is indexed [x][y]",
+        _at(lambda y, x, H, W: (np.pi * (x + 0.5) / W, 2 * np.pi * (y + 0.5) / H)),
+    ),
+    Cause(
+        "pixel edges for centres",
+        "a pixel's direction is that of its upper left corner",
+        "the light is turned by half a pixel: seen on small maps only",
+        "theta = pi (y + 1/2) / H and phi = 2 pi (x + 1/2) / W: the halves are missing",
+        _at(lambda y, x, H, W: (np.pi * y / H, 2 * np.pi * x / W)),
+    ),
+    Cause(
+        "W - 1 for W",
+        "phi or theta is scaled by the last index, and not by the number of pixels",
+        "the light is turned, by up to a pixel at the map's right end",
+        "phi = 2 pi (x + 1/2) / W, not / (W - 1)",
+        _at(lambda y, x, H, W: (np.pi * y / max(H - 1, 1), 2 * np.pi * x / max(W - 1, 1))),
+    ),
+    Cause(
+        "one random number for row and column",
+        "the number that picks the row picks the column too",
+        "only a curve of pixels through the map is ever drawn, and most lamps are never seen",
+        "where the sample's two random numbers are made",
+        _same_number,
+    ),
+    Cause(
+        "row CDF of another row",
+        "the column is drawn from the CDF of a neighbouring row",
+        "light is spread; edges of lamps shine wrongly",
+        "where the row's CDF is looked up: its offset is row x width",
+        _other_rows,
+    ),
+    Cause(
+        "CDF starts at row 1",
+        "the CDF over rows has no entry for row 0: the row found is one too far down",
+        "the light is lower by a row: seen on small maps only",
+        "where the prefix sum starts, and what the search returns",
+        _first_row_lost,
+    ),
+    Cause(
+        "CDF sorted",
+        "the weights were sorted before they were summed",
+        "all light comes from one side of the map, from its right columns",
+        "where the CDF is built: the order must be that of the pixels",
+        _sorted,
+    ),
+    Cause(
+        "luminance of Rec. 709",
+        "pixels are drawn by 0.2126 R + 0.7152 G + 0.0722 B, and divided by (R + G + B) / 3",
+        "coloured lamps are too bright or too dark",
+        "one definition of luminance must serve both the CDFs and the term",
+        _rec709,
+        exposed=False,
+    ),
+    Cause(
+        "map clipped to 1",
+        "the map's values were clipped to 1 before sampling, as in an 8-bit picture",
+        "lamps are far too weak",
+        "where the map is read or converted",
+        lambda L: np.minimum(L, 1.0),
+    ),
+    Cause(
+        "map clipped to 255",
+        "the map's values were clipped to 255",
+        "the sun or the brightest lamps are too weak",
+        "where the map is read or converted",
+        lambda L: np.minimum(L, 255.0),
+    ),
+    Cause(
+        "map gamma-encoded",
+        "the map's values were raised to 1 / 2.2, as for a display",
+        "little contrast: lamps too weak, walls too bright",
+        "where the map is read: radiance is linear",
+        lambda L: L ** (1 / 2.2),
+    ),
+    Cause(
+        "gamma decoded from linear values",
+        "the map's values were raised to 2.2, though they are linear",
+        "lamps are far too strong beside the rest",
+        "where the map is read: radiance is linear",
+        lambda L: L**2.2,
+        exposed=False,
+    ),
+    Cause(
+        "channels swapped",
+        "red and blue are swapped",
+        "warm light is cold",
+        "where the file is read or written: some libraries have the order B, G, R",
+        lambda L: L[..., ::-1],
+    ),
+    Cause(
+        "image gamma-encoded",
+        "the image holds values raised to 1 / 2.2, as for a display",
+        "little contrast on the sphere, and too bright",
+        "where the image is written: a .pfm or .exr holds linear radiance",
+        picture=lambda pixels: np.maximum(pixels, 0) ** (1 / 2.2),
+    ),
+    Cause(
+        "image clipped to 1",
+        "values above 1 were clipped before the image was written",
+        "flat white areas",
+        "where the image is written: a .pfm or .exr holds any radiance",
+        picture=lambda pixels: np.minimum(pixels, 1.0),
+    ),
+    Cause(
+        "cosine not clamped",
+        "lights behind the surface are subtracted: max(0, n . w) lacks its max",
+        "the side away from the light is black or negative, and the rest too dark",
+        "where n . w is used",
+        surface=_unclamped,
+    ),
+    Cause(
+        "absolute cosine",
+        "|n . w| is used for max(0, n . w)",
+        "the side away from the light shines as the side towards it does",
+        "where n . w is used",
+        surface=_both_sides,
+    ),
+    Cause(
+        "normals not normalised",
+        "the normal is (x, y, 1) and not (x, y, sqrt(1 - x^2 - y^2))",
+        "the rim of the sphere is too bright, and its shape looks flat",
+        "where a pixel's normal is made",
+        surface=_flat,
+    ),
+    Cause(
+        "normals without their root",
+        "the normal's z is 1 - x^2 - y^2 and not the root of it",
+        "the sphere's rim is too dark where light comes from the front",
+        "where a pixel's normal is made",
+        surface=_no_root,
+    ),
+)

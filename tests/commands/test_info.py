@@ -1,0 +1,120 @@
+"""``lightdome info``: verdicts first as text, everything as JSON, and one bad map does not stop the others."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import ROOT, stiff_radiance
+from lightdome import console
+from lightdome.commands import info
+from lightdome.maps import analyse
+from lightdome.maps.images import read_image, write_image
+
+DEFAULT = ROOT / "data" / "default.exr"
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> object:
+    """Run the command with arguments: its exit status, output and errors."""
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["lightdome info", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            console.run(info.main)
+        return (ended.value.code, *capsys.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def bad(tmp_path: Path) -> Path:
+    radiance = stiff_radiance(8, 16)
+    radiance[2, 3, 1], radiance[4, 5] = -1, np.nan
+    write_image(tmp_path / "bad.pfm", radiance)
+    return tmp_path / "bad.pfm"
+
+
+def test_text_says_the_verdicts_first(run: object, bad: Path) -> None:
+    status, said, errors = run(DEFAULT, bad)
+    assert (status, errors) == (0, "")
+    first, second = said.split("\n\n")
+    lines = first.splitlines()
+    assert lines[0] == f"{DEFAULT}: 1024 x 512, OpenEXR, half, latlong"
+    assert lines[1].split()[:3] == ["clipping", "not", "clipped:"]
+    assert "azimuth 118.1, elevation 24.3 degrees, radius 1.31, 21.3 % of the light" in lines[2]
+    assert lines[3].split() == ["bad", "pixels", "none"]
+    assert "1 NaN, 1 negative" in second
+    assert all(len(line) < 140 for line in said.splitlines())
+
+
+def test_json_is_the_analysis_in_full(run: object, bad: Path) -> None:
+    status, said, errors = run(DEFAULT, "--json")
+    assert (status, errors) == (0, "")
+    expected = json.loads(json.dumps(analyse(DEFAULT).to_dict()))
+    assert json.loads(said) == {"file": str(DEFAULT), **expected}
+    status, said, _ = run(DEFAULT, bad, "--json")
+    assert [entry["nan_pixels"] for entry in json.loads(said)] == [0, 1]
+    assert status == 0
+
+
+def test_black_and_odd_maps_are_told_too(run: object, tmp_path: Path) -> None:
+    write_image(tmp_path / "black.pfm", np.zeros((4, 4, 3), np.float32))
+    status, said, _ = run(tmp_path / "black.pfm")
+    assert status == 0
+    assert "no sun: there is no light" in said
+    assert "4 x 4, not 2:1" in said
+    json.loads(run(tmp_path / "black.pfm", "--json")[1], parse_constant=pytest.fail)
+
+
+def test_one_bad_file_does_not_stop_the_others(run: object, tmp_path: Path, bad: Path) -> None:
+    status, said, errors = run(tmp_path / "none.exr", bad, "--json")
+    assert status == 1
+    assert errors == f"lightdome info: cannot read {tmp_path / 'none.exr'}: No such file or directory\n"
+    assert [entry["file"] for entry in json.loads(said)] == [str(bad)]
+    status, said, errors = run(tmp_path / "none.exr", "--json")
+    assert (status, said, len(errors.splitlines())) == (1, "", 1)
+
+
+def test_layer_and_flip_are_those_of_reading(run: object, bad: Path) -> None:
+    normal, flipped = (json.loads(run(bad, "--json", *more)[1]) for more in ((), ("--flip",)))
+    up, down = "irradiance_up_rgb_radiance_sr", "irradiance_down_rgb_radiance_sr"
+    assert flipped[up] == pytest.approx(normal[down])
+    assert "layers" in run(bad, "--layer", "side")[2]
+
+
+def test_the_sun_is_where_another_program_sees_it(run: object, tmp_path: Path) -> None:
+    """Pitch and roll would resample, and are refused."""
+    azimuths = []
+    for options in ((), ("--rotate", 90), ("--mirror",), ("--convention", "mitsuba")):
+        status, said, _ = run(DEFAULT, "--json", "--split-sun", tmp_path, *options)
+        assert status == 0
+        sun = json.loads(said)["sun"]
+        split = analyse(read_image(tmp_path / "default_sun.exr")).sun
+        assert split.direction_xyz == pytest.approx(sun["direction_xyz"], abs=1e-6)
+        assert sun["elevation_degrees"] == pytest.approx(24.29, abs=0.01)
+        azimuths.append(sun["azimuth_degrees"])
+    assert azimuths[0] == pytest.approx(118.06, abs=0.01)
+    assert (azimuths[1] - azimuths[0]) % 180 == pytest.approx(90)
+    assert azimuths[2] == pytest.approx(360 - azimuths[0])
+    assert abs(azimuths[3] - azimuths[0]) > 1
+    status, _, errors = run(DEFAULT, "--rotate", 10, 20, 30)
+    assert (status, errors.count("\n")) == (1, 1)
+    assert "whole columns" in errors
+
+
+def test_the_sun_is_split_off(run: object, tmp_path: Path, bad: Path) -> None:
+    folder = tmp_path / "split"
+    status, said, errors = run(DEFAULT, bad, "--split-sun", folder)
+    assert status == 1
+    assert errors.count("\n") == 1
+    assert f"{bad}: 2 bad pixels" in errors
+    assert f"wrote {folder / 'default_sun.exr'}" in said
+    sun, rest = (read_image(folder / f"default_{name}.exr") for name in ("sun", "rest"))
+    np.testing.assert_allclose(sun + rest, read_image(DEFAULT), rtol=1e-6)
+    assert 100 < np.count_nonzero(sun.any(axis=2)) < 1000
+    _, _, errors = run(DEFAULT, tmp_path / "default.exr", "--split-sun", folder)
+    assert "different names" in errors
