@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import LightdomeError, exactly
 from ..files import utf8_name
-from ..names import COMMANDS, CONVENTIONS
+from ..names import COMMANDS, CONVENTIONS, PROJECTIONS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -88,7 +88,14 @@ def map_options(parser: argparse.ArgumentParser, positional: bool = False) -> No
         type=Path,
         metavar="MAP" if positional else "FILE",
         default=None if positional else (grace if grace.exists() else data / "default.exr"),
-        help="latitude-longitude environment map: .exr, .hdr or .pfm",
+        help="environment map: .exr, .hdr or .pfm",
+    )
+    parser.add_argument(
+        "--projection",
+        choices=PROJECTIONS,
+        metavar="NAME",
+        help=f"how the map lies in its file: {', '.join(PROJECTIONS)} (default: what its header, its sides and black"
+        " corners say)",
     )
     parser.add_argument(
         "--layer",
@@ -145,6 +152,8 @@ def map_arguments(args: argparse.Namespace) -> list[object]:
     if args.sanitize:
         result += ["--sanitize", args.sanitize]
     result += [f"--{name}" for name in ("flip", "mirror") if getattr(args, name)]
+    if args.projection:
+        result += ["--projection", args.projection]
     if args.convention != CONVENTIONS[0]:
         result += ["--convention", args.convention]
     return result + (["--rotate", *args.rotate] if args.rotate else [])
@@ -162,7 +171,12 @@ def load_map(args: argparse.Namespace) -> EnvironmentMap:
     from ..maps.envmap import EnvironmentMap  # only here: a script without a map needs no image library
 
     envmap = EnvironmentMap.read(
-        args.map, sanitize=args.sanitize, layer=args.layer, flip=args.flip, convention=args.convention
+        args.map,
+        sanitize=args.sanitize,
+        layer=args.layer,
+        flip=args.flip,
+        projection=args.projection,
+        convention=args.convention,
     )
     envmap = turned(args, envmap)
     for note in (*envmap.notes, envmap.shape_note, envmap.replaced and envmap.replaced.note):

@@ -81,7 +81,9 @@ def write_split(args: Namespace, path: Path) -> None:
     from ..maps.images import write_image
 
     try:
-        envmap = EnvironmentMap.read(path, layer=args.layer, flip=args.flip, convention=args.convention)
+        envmap = EnvironmentMap.read(
+            path, layer=args.layer, flip=args.flip, projection="latlong", convention=args.convention
+        )
         split = split_sun(cli.turned(args, envmap))
     except LightdomeError as error:
         raise LightdomeError(f"{path}: {error}" if str(path) not in str(error) else str(error)) from error
