@@ -316,11 +316,15 @@ def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
     cross = convert(world.radiance["map"], to="cube-cross", size=5)
     write_image(world.folder / "cross.pfm", cross)
     arguments = ("--map", world.folder / "cross.pfm", "--projection")
-    sees(world, patch, script, convert(cross, "cube-cross"), *arguments, "cube-cross")
     sees(world, patch, script, cross, *arguments, "latlong")
-    if script == "part2_sample":
-        with pytest.raises(LightdomeError, match="latitude-longitude"):
-            world.base(script, *arguments, "cube-cross", "--samples-only")
+    if script != "part2_sample":
+        sees(world, patch, script, convert(cross, "cube-cross"), *arguments, "cube-cross")
+        return
+    ran = world.base(script, *arguments, "cube-cross")
+    expected = build_distribution(world.device, EnvironmentMap(convert(cross, "cube-cross"))).sample(40)
+    np.testing.assert_array_equal(Samples.load(ran.out / "samples_40.npz").radiance, expected.radiance)
+    with pytest.raises(LightdomeError, match="latitude-longitude maps alone"):
+        world.base(script, *arguments, "cube-cross", "--samples-only")
 
 
 @option("--convention", *MAPPED)
