@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 SEQUENCES = ("independent", "stratified", "sobol", "r2")  # points of samples that all pixels share
-WITHIN = ("centre", "pixel")  # where in its pixel the direction of a sample that all pixels share lies
+WITHIN = ("centre", "pixel")  # where in its pixel the direction of a sample lies
 PIXEL_SEQUENCES = ("independent", "sobol")  # points of samples for every pixel
 CONVENTIONS = ("lightdome", "pbrt", "mitsuba", "cycles", "gltf", "skylibs")  # of maps: lightdome.maps.conventions
 
@@ -50,7 +50,8 @@ COMMANDS = {
 class Estimator:
     """What is known of an estimator with fresh samples for every pixel."""
 
-    pixels: Literal["centres", "areas"]  # what it takes the map's pixels for, and so which exact image it converges to
+    pixels: Literal["centres", "areas"]  # what it takes the map's pixels for, and so which exact image it converges to;
+    # one for `centres` has a kernel rendering/render_NAME_areas.cl too, for directions anywhere within a pixel
     operations: int  # of one sample with a Sobol point, as lightdome.evaluation.roofline_stages counts them
 
 

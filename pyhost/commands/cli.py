@@ -104,6 +104,11 @@ def map_options(parser: argparse.ArgumentParser, positional: bool = False) -> No
         help="replace NaN, infinite and negative pixels by black; with clamp, infinite ones by the largest finite value"
         " of the file's format (default: refuse the map)",
     )
+    orientation_options(parser)
+
+
+def orientation_options(parser: argparse.ArgumentParser) -> None:
+    """Add ``--flip``, ``--convention``, ``--mirror`` and ``--rotate``: which direction a pixel of the file is."""
     parser.add_argument("--flip", action="store_true", help="reverse the rows, for a file that was written upside down")
     parser.add_argument(
         "--convention",
@@ -168,10 +173,10 @@ def load_map(args: argparse.Namespace) -> EnvironmentMap:
     return envmap
 
 
-def map_columns(args: argparse.Namespace, width: int) -> np.ndarray:
+def map_columns(args: argparse.Namespace, width: int, advice: str = "") -> np.ndarray:
     """The columns of the file in the order in which :func:`load_map` has them.
 
-    Raises :class:`LightdomeError` where it would resample.
+    Raises :class:`LightdomeError` where it would resample; ``advice`` is what the user may do besides.
     """
     import numpy as np
 
@@ -183,8 +188,8 @@ def map_columns(args: argparse.Namespace, width: int) -> np.ndarray:
     shifts = [whole_columns(width, turn) for turn in turns]
     if None in shifts:
         raise LightdomeError(
-            f"--samples-only moves whole columns, of which this map has {width}; choose --rotate and --convention so,"
-            " or leave out --samples-only"
+            f"a map that is read in bands moves by whole columns, of which this one has {width}; choose --rotate and"
+            f" --convention so{advice}"
         )
     columns = np.roll(columns, shifts[0])
     return np.roll(columns[::-1] if args.mirror else columns, shifts[1])

@@ -35,7 +35,7 @@ def main() -> None:
     )
     parser.add_argument("maps", type=Path, nargs="+", metavar="MAP", help="environment maps: .exr, .hdr or .pfm")
     parser.add_argument("--layer", metavar="NAME", help="layer or part of an .exr file that is the map")
-    parser.add_argument("--flip", action="store_true", help="reverse the rows, for a file that was written upside down")
+    cli.orientation_options(parser)
     parser.add_argument(
         "--json", action="store_true", help="print a JSON object, or a list of them for several maps, and no text"
     )
@@ -52,11 +52,14 @@ def main() -> None:
         cli.output_folder(args.split_sun, images=True)
 
     from ..maps.analysis import analyse
+    from ..maps.images import ImageRows
 
     found, failed = [], False
     for path in args.maps:
         try:
-            analysis = analyse(path, layer=args.layer, flip=args.flip)
+            image = ImageRows(path, layer=args.layer, flip=args.flip)
+            image.reorder(cli.map_columns(args, image.width))
+            analysis = analyse(image)
             found.append({"file": str(path), **analysis.to_dict()})
             if not args.json:
                 print("\n".join(([""] if len(found) > 1 else []) + list(lines(path, analysis))))
@@ -73,11 +76,10 @@ def main() -> None:
 
 def write_split(args: Namespace, path: Path) -> None:
     from ..maps.analysis import split_sun
-    from ..maps.envmap import EnvironmentMap
     from ..maps.images import write_image
 
     try:
-        split = split_sun(EnvironmentMap.read(path, layer=args.layer, flip=args.flip))
+        split = split_sun(cli.load_map(Namespace(**vars(args), map=path, sanitize=False)))
     except LightdomeError as error:
         raise LightdomeError(f"{path}: {error}" if str(path) not in str(error) else str(error)) from error
     for name, envmap in ("sun", split.sun_map), ("rest", split.rest):

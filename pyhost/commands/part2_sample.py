@@ -69,7 +69,7 @@ def main() -> None:
     device = cli.open_device(args)
     print(f"map: {args.map}, {image.width} x {image.height}")
     if args.samples_only:
-        image.reorder(cli.map_columns(args, image.width))
+        image.reorder(cli.map_columns(args, image.width, ", or leave out --samples-only"))
         write_samples(args, out, image, device)
     else:
         large = f"not enough memory for a {image.width} x {image.height} map; use --samples-only"

@@ -192,7 +192,7 @@ def shade_harmonics(device: Device, harmonics: Harmonics, resolution: int = 511,
     device.launch(
         "lighting/harmonics",
         (len(tiles),),
-        defines={"PIXELS": pixels},
+        defines={"WIDTH": pixels},
         step=device.items_per_launch(TERMS_PER_LAUNCH, len(table) * pixels),
         progress="shading the sphere",
         tiles=tile_buffer,

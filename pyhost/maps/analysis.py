@@ -148,9 +148,9 @@ class SplitSun:
 
 
 def analyse(
-    source: str | Path | EnvironmentMap | np.ndarray, *, layer: str | None = None, flip: bool = False
+    source: str | Path | ImageRows | EnvironmentMap | np.ndarray, *, layer: str | None = None, flip: bool = False
 ) -> Analysis:
-    """Say what is in a map: a file, which is read in bands, an :class:`EnvironmentMap`, or radiance (H, W, 3).
+    """Say what is in a map: a file or its rows, which are read in bands, a map, or radiance (H, W, 3).
 
     ``layer`` and ``flip`` are those of :func:`lightdome.read_image`. Bad values are counted: see the module.
 
@@ -200,7 +200,7 @@ class _Map:
         if isinstance(source, EnvironmentMap):
             return cls(source.height, source.width, None, source.radiance)
         if not isinstance(source, np.ndarray):
-            rows = ImageRows(source, layer=layer, flip=flip)
+            rows = source if isinstance(source, ImageRows) else ImageRows(source, layer=layer, flip=flip)
             return cls(rows.height, rows.width, rows, None)
         radiance = checks.array("the map", source, ("H", "W", 3), np.float32)
         if 0 in radiance.shape:
@@ -375,7 +375,8 @@ class _Patches:
     def __init__(self, centres: list[np.ndarray], is_fine: bool) -> None:
         self.centres = centres
         self._is_fine = is_fine
-        self._parts: list[list[tuple[np.ndarray, ...]]] = [[] for _ in centres]
+        # Of pixels that are too large none may be near.
+        self._parts = [[(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))] for _ in centres]
 
     def add(self, theta: np.ndarray, phi: np.ndarray, solid_angle: np.ndarray, radiance: np.ndarray) -> None:
         for centre, parts in zip(self.centres, self._parts, strict=True):
@@ -414,6 +415,7 @@ def _examined(of: _Map) -> tuple[Analysis, Region | None]:
     clipping = _clipping(light, tops, infinite, of.height * of.width)
     sun, region, reason = _sun(light, tops, patches, clipping)
     *percentiles, darkest = light.quantiles.values()
+    maximum = float(np.float32(light.maximum))
     is_lit = light.total > 0
     shares = {n: float(light.top[-n:].sum() / light.total) if is_lit else 0.0 for n in TOPS}
     vector = luminance(light.irradiance[::2] - light.irradiance[1::2])[[1, 0, 2]] / (light.total if is_lit else 1)
@@ -432,8 +434,8 @@ def _examined(of: _Map) -> tuple[Analysis, Region | None]:
         luminance_median_by_solid_angle=percentiles[0],
         luminance_99_percent_by_solid_angle=percentiles[1],
         luminance_99_9_percent_by_solid_angle=percentiles[2],
-        luminance_maximum=float(np.float32(light.maximum)),
-        range_stops=float(np.log2(light.maximum / darkest)) if is_lit else None,
+        luminance_maximum=maximum,
+        range_stops=float(np.log2(maximum / darkest)) if maximum > 0 else None,
         clipping=clipping,
         mean_radiance_rgb=_triple(light.flux / (4 * np.pi)),
         flux_rgb_radiance_sr=_triple(light.flux),

@@ -65,12 +65,13 @@ TESTS: dict[str, tuple[str, ...]] = {
     "normal.clh": ("test_sphere.py", "test_render.py"),
     "pixel_block.clh": RENDER,
     "prefix_sum.clh": DRAWS,
+    "pixel_places.clh": RENDER,
     "product.clh": RENDER,
+    "product_block.clh": RENDER,
     "product_cdf.cl": RENDER,
     "render_bsdf.cl": RENDER,
-    "render_light.cl": RENDER,
     "render_mis.cl": RENDER,
-    "render_product.cl": RENDER,
+    "render_product_areas.cl": RENDER,
     "row_cdf.cl": DRAWS,
     "row_sums.cl": CUT,
     "sample_block.clh": DRAWS,
@@ -80,7 +81,6 @@ TESTS: dict[str, tuple[str, ...]] = {
     "shade_tiles.cl": SPHERE,
     "span_sums.cl": CUT,
     "sphere.clh": SPHERE,
-    "streams.clh": RENDER,
     # the host
     "streaming.py": ("test_streaming.py", "test_split_work.py"),
     "distribution.py": ("test_distribution.py", "test_within.py", "test_split_work.py", "test_checks.py"),
@@ -112,6 +112,8 @@ TESTS: dict[str, tuple[str, ...]] = {
     "plot.py": FRESNEL,
     "harmonics.py": ("test_harmonics.py", "test_split_work.py"),
     "horizon.py": SPHERE,
+    "analysis.py": ("test_analysis.py",),
+    "sun.py": ("test_analysis.py",),
     "images.py": ("test_images.py", "test_streaming.py"),
     "interrupts.py": ("test_interrupted.py::test_the_exit_status_says_which_signal_ended_a_script",),
     "launch.py": ("test_kernel_arguments.py", "test_split_work.py"),
@@ -155,6 +157,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "commands/report.py": ("test_options.py", "test_report.py"),
     "commands/stability.py": ("test_options.py", "test_stability.py"),
     "_start.py": ("test_install.py", "test_interrupted.py::test_a_signal_that_a_shell_ignores_stays_ignored"),
+    "info.py": ("test_info.py",),
     "bench.py": ("test_options.py", *SHOWN, "test_benchmark.py", "test_peers.py"),
     "get_grace.py": ("test_data.py",),
     "part1_fresnel.py": ("test_options.py", "test_fresnel.py", "test_commands.py"),
@@ -184,7 +187,7 @@ FAULTS: list[Fault] = [
     ),
     kernel(
         "sobol per pixel: both axes by one key",
-        "streams.clh",
+        "pixel_block.clh",
         "scramble_down[k] = words.y[k];",
         "scramble_down[k] = words.x[k];",
         "a copied line",
@@ -438,7 +441,7 @@ FAULTS: list[Fault] = [
     kernel(
         "shade: sums without compensation",
         "shade.cl",
-        "DOUBLE_WORD_ADD(pixels, sum[j][c], sum_lo[j][c], chunk[j][c]);",
+        "DOUBLE_WORD_ADD(wide, sum[j][c], sum_lo[j][c], chunk[j][c]);",
         "sum[j][c] += chunk[j][c];",
         "compensation dropped",
     ),
@@ -452,8 +455,8 @@ FAULTS: list[Fault] = [
     kernel(
         "shade: cosine not clamped",
         "shade.cl",
-        "x + ny[j] * light[1]), (pixels)(0.0f));",
-        "x + ny[j] * light[1]), (pixels)(-1.0f));",
+        "x + ny[j] * light[1]), (wide)(0.0f));",
+        "x + ny[j] * light[1]), (wide)(-1.0f));",
         "light from below the horizon counts",
     ),
     kernel(
@@ -494,15 +497,15 @@ FAULTS: list[Fault] = [
     kernel(
         "exact: an arc ends a column early",
         "exact.cl",
-        "(int)floor(centre[k] + h) + 2;",
-        "(int)floor(centre[k] + h);",
+        "to_wide_int(floor(centre + h)) + 1, end",
+        "to_wide_int(floor(centre + h)), end",
         "an end that is not beyond the last",
     ),
     kernel(
         "exact: a row that is lit whole lacks its last column",
         "exact.cl",
-        "whole += row[2 * width] - row[0]",
-        "whole += row[2 * width - 2] - row[0]",
+        "whole += arc_between(row, 0, width);",
+        "whole += arc_between(row, 0, width - 1);",
         "off by one",
     ),
     kernel(
@@ -529,15 +532,15 @@ FAULTS: list[Fault] = [
     kernel(
         "exact_areas: a power is left out",
         "exact_areas.cl",
-        "    sum = FMA(t, sum, (pixels)(c.s2));\n",
+        "    sum = FMA(t, sum, (wide)(c.s2));\n",
         "",
         "a coefficient forgotten",
     ),
     kernel(
         "sphere: a tile's rows one apart",
         "sphere.clh",
-        "return resolution - 2 * ((int)tile.y + row) - 1;",
-        "return resolution - 2 * ((int)tile.y + row);",
+        "b = resolution - 2 * ((int)tile.y + row) - 1;",
+        "b = resolution - 2 * ((int)tile.y + row);",
         "half a pixel",
     ),
     kernel(
@@ -661,8 +664,8 @@ FAULTS: list[Fault] = [
     kernel(
         "mis: the second stream is the first",
         "render_mis.cl",
-        "second[i] = index[i] | 0x80000000u;",
-        "second[i] = index[i];",
+        "second[i] = block.index[i] | 0x80000000u;",
+        "second[i] = block.index[i];",
         "both points alike",
     ),
     kernel(
@@ -673,10 +676,10 @@ FAULTS: list[Fault] = [
         "half of a heuristic changed",
     ),
     kernel(
-        "mis: a light sample at its pixel's edge",
-        "render_mis.cl",
-        "turn[k] = x[k] + place[k];",
-        "turn[k] = x[k];",
+        "a direction within a pixel at its edge",
+        "pixel_places.clh",
+        "column = to_wide(LOAD_WIDE(x + k)) + LOAD_WIDE(across + k);",
+        "column = to_wide(LOAD_WIDE(x + k));",
         "a pixel taken for its edge",
     ),
     kernel(
@@ -702,9 +705,9 @@ FAULTS: list[Fault] = [
     ),
     kernel(
         "render: the last block writes too much",
-        "render_light.cl",
-        "block_store(&samples, index, min((uint)BLOCK, pixel_count - first), resolution, sum);",
-        "block_store(&samples, index, BLOCK, resolution, sum);",
+        "pixel_block.clh",
+        "const uint count = min((uint)BLOCK, pixel_count - (uint)get_global_id(0) * BLOCK);",
+        "const uint count = BLOCK;",
         "a remainder: the last pixel counts many times",
     ),
     kernel(
@@ -723,18 +726,18 @@ FAULTS: list[Fault] = [
     ),
     kernel(
         "product: the last row of cells is cut off",
-        "render_product.cl",
-        "last[k] = min(cell_size.y, height - j[k] * cell_size.y) - 1;",
-        "last[k] = min(cell_size.y, height - j[k] * cell_size.y) - 1;\n"
-        "last[k] = j[k] + 1 == cells.y && height % cell_size.y ? 0 : last[k];",
+        "product_block.clh",
+        "last[k] = min(cdfs->cell_size.y, cdfs->height - j[k] * cdfs->cell_size.y) - 1;",
+        "last[k] = min(cdfs->cell_size.y, cdfs->height - j[k] * cdfs->cell_size.y) - 1;\n"
+        "last[k] = j[k] + 1 == cdfs->cells.y && cdfs->height % cdfs->cell_size.y ? 0 : last[k];",
         "the last cell taken for one row",
     ),
     kernel(
         "product: the last column of cells is cut off",
-        "render_product.cl",
-        "last[k] = min(cell_size.x, width - i[k] * cell_size.x) - 1;",
-        "last[k] = min(cell_size.x, width - i[k] * cell_size.x) - 1;\n"
-        "last[k] = i[k] + 1 == cells.x && width % cell_size.x ? 0 : last[k];",
+        "product_block.clh",
+        "last[k] = min(cdfs->cell_size.x, cdfs->width - i[k] * cdfs->cell_size.x) - 1;",
+        "last[k] = min(cdfs->cell_size.x, cdfs->width - i[k] * cdfs->cell_size.x) - 1;\n"
+        "last[k] = i[k] + 1 == cdfs->cells.x && cdfs->width % cdfs->cell_size.x ? 0 : last[k];",
         "the last cell taken for one column",
     ),
     kernel(
@@ -780,6 +783,20 @@ FAULTS: list[Fault] = [
         "red taken for light",
     ),
     kernel(
+        "cells: reach to centres alone",
+        "cells.cl",
+        ") + spread[y]);",
+        "));",
+        "pixels that the horizon cuts have no chance",
+    ),
+    kernel(
+        "product within pixels: a place of the other point",
+        "render_product_areas.cl",
+        "block_placed(edge, width, x, y, place_across, place_down, &w);",
+        "block_placed(edge, width, x, y, place_down, place_down, &w);",
+        "a copied name",
+    ),
+    kernel(
         "cells: rows without sin(theta)",
         "cells.cl",
         "const float g = sum * t.x;",
@@ -788,7 +805,7 @@ FAULTS: list[Fault] = [
     ),
     kernel(
         "render_product: the rest of a point is the point",
-        "render_product.cl",
+        "product_block.clh",
         "u[k] = (uint)(((ulong)u[k] * total[k] - ((ulong)below << 32)) / (at[0] - below));",
         "u[k] = u[k];",
         "a number used twice",
@@ -1489,6 +1506,84 @@ FAULTS: list[Fault] = [
         "flux = (flux / np.pi).astype(np.float32)",
         "flux = flux.astype(np.float32)",
         "a constant",
+    ),
+    # ---- the host: what is in a map ----
+    host(
+        "analysis: percentiles by pixels",
+        "analysis.py",
+        "light.quantiles.refine(intensity, np.broadcast_to(solid_angle[:, None], intensity.shape))",
+        "light.quantiles.refine(intensity, np.ones(intensity.shape))",
+        "the weight forgotten in one of two places",
+    ),
+    host(
+        "analysis: a plateau ends where a block does",
+        "analysis.py",
+        "                self._edges[own] = edge.copy()",
+        "                self._edges.clear()",
+        "neighbours in another block",
+    ),
+    host(
+        "analysis: no infinite sun",
+        "analysis.py",
+        """return Inspection("clamp" if is_half else "black", LARGEST_HALF)""",
+        """return Inspection("black", LARGEST_HALF)""",
+        "an infinite pixel is bad",
+    ),
+    host(
+        "analysis: an even map is clipped",
+        "analysis.py",
+        "    elif 2 * count > pixels > 1:",
+        "    elif False:",
+        "a white map is at 1 everywhere",
+    ),
+    host(
+        "analysis: quantisation is clipping",
+        "analysis.py",
+        "and tops.area[c] >= FLAT * tops.near[c]",
+        "and tops.area[c] >= 0",
+        "four equal pixels of RGBE are no plateau",
+    ),
+    host(
+        "analysis: down for up",
+        "analysis.py",
+        "self.irradiance[1] += (solid_angle * np.maximum(-cosine, 0))",
+        "self.irradiance[1] += (solid_angle * np.maximum(cosine, 0))",
+        "a sign",
+    ),
+    host(
+        "analysis: samples without the square of the mean",
+        "analysis.py",
+        "(total * (cosine**2 @ cells.second) - mean_squared).sum()",
+        "(total * (cosine**2 @ cells.second)).sum()",
+        "the second moment is no variance",
+    ),
+    host(
+        "sun: lamps that are alike are one",
+        "analysis.py",
+        "        if rival > MAX_RIVAL:",
+        "        if False:",
+        "the brightest is not alone",
+    ),
+    host(
+        "sun: its surroundings are its light",
+        "sun.py",
+        "radiance = np.maximum(patch.radiance[held] - region.surroundings, 0)",
+        "radiance = patch.radiance[held]",
+        "what would be there without it",
+    ),
+    host(
+        "sun: a centre that does not move",
+        "sun.py",
+        "        centre = moved\n",
+        "        break\n",
+        "the brightest pixel is the centre",
+    ),
+    host(
+        "split sun: the fill is brighter than the map",
+        "analysis.py",
+        "row[held] = np.minimum(row[held], region.surroundings.astype(np.float32))",
+        "row[held] = region.surroundings.astype(np.float32)",
+        "a sun below 0",
     ),
     # ---- the host: Fresnel ----
     host(
@@ -2540,6 +2635,20 @@ FAULTS: list[Fault] = [
         "if digest != sha256:",
         "if False:",
         "a check removed",
+    ),
+    command(
+        "info: a bad map stops the others",
+        "info.py",
+        "            failed = True",
+        "            sys.exit(1)",
+        "the next file",
+    ),
+    command(
+        "info: a bad map is no failure",
+        "info.py",
+        "    if failed:",
+        "    if False:",
+        "an exit status",
     ),
     command(
         "Grace: a file that is there is fetched again",
