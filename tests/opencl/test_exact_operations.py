@@ -25,9 +25,12 @@ kernel void roots(global const float *of, global float *result)
 """
 
 
-def run(device: Device, kernel: str, array: np.ndarray, before: str = "") -> np.ndarray:
+def run(device: Device, kernel: str, array: np.ndarray, off: int = 0) -> np.ndarray:
+    """What ``kernel`` makes of ``array``; ``off`` is added to the device's own root of squares from 2^46 to 2^48."""
+    text = source("common/within_pixel.clh").replace("sqrt((float)square)", f"(sqrt((float)square) + {off})")
+    assert f"+ {off})" in text
     options = ["-cl-std=CL1.2", f"-DCPU={int(not device.is_gpu)}"]
-    program = cl.Program(device.context, before + source("common/within_pixel.clh") + KERNELS).build(options)
+    program = cl.Program(device.context, text + KERNELS).build(options)
     result = memory.empty(device, len(array), array.dtype.type)
     getattr(program, kernel)(device.queue, (len(array),), None, memory.upload(device, array).buffer, result.buffer)
     return memory.download(device, result)
@@ -51,5 +54,4 @@ def test_roots_are_rounded_correctly_however_the_device_rounds_its_own(device: D
     near = np.concatenate([np.nextafter(squares.astype(np.float32), np.float32(end)) for end in (0, 1)])
     x = np.concatenate([np.exp2(-rng.uniform(0, 100, 200_000)), squares, near, 2.0 ** -np.arange(100)])
     x = x.astype(np.float32)
-    before = f"#define sqrt(x) (sqrt(x) + {off}.0f)\n"  # of squares from 2^46 to 2^48
-    np.testing.assert_array_equal(run(device, "roots", x, before), np.sqrt(x))
+    np.testing.assert_array_equal(run(device, "roots", x, off), np.sqrt(x))
