@@ -19,6 +19,8 @@ from ..float_range import LARGEST, LARGEST_HALF
 from .conventions import yaw_between
 from .geometry import row_angles
 from .images import ImageRows, read_image
+from .projections import PROJECTIONS
+from .resample import resample
 from .rotation import rotation_matrix, whole_columns
 
 SANITIZE = ("black", "clamp")
@@ -127,7 +129,8 @@ class EnvironmentMap:
             return self
         if columns is not None:
             return self._of_radiance(np.roll(self.radiance, columns, axis=1))
-        raise NotImplementedError
+        latlong = PROJECTIONS["latlong"]
+        return self._of_radiance(resample(self.radiance, latlong, latlong, self.radiance.shape[:2], matrix))
 
     def mirrored(self) -> EnvironmentMap:
         """The map with its columns in reverse: light from (x, y, z) comes from (x, y, -z)."""

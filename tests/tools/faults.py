@@ -1960,8 +1960,8 @@ FAULTS: list[Fault] = [
     command(
         "--mirror after --rotate",
         "cli.py",
-        "np.roll(columns[::-1] if args.mirror else columns, shifts[1])",
-        "np.roll(columns, shifts[1])[:: -1 if args.mirror else 1]",
+        "np.roll(columns[::-1] if args.mirror else columns, last)",
+        "np.roll(columns, last)[:: -1 if args.mirror else 1]",
         "an order",
     ),
     command(
