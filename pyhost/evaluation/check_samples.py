@@ -151,10 +151,10 @@ def check_samples(
 
     Raises :class:`LightdomeError` for arrays of other shapes, values that are not finite, and for a black map.
     """
-    return _Samples(envmap, direction, radiance, probability, pixel, pdf).result(drawn=True)
+    return Located(envmap, direction, radiance, probability, pixel, pdf).result(drawn=True)
 
 
-class _Samples:
+class Located:
     """Directions with what belongs to them, and where in the map they lie."""
 
     def __init__(
@@ -182,6 +182,7 @@ class _Samples:
         weight = right(self.map)
         self.p = weight / weight.sum()
         self.details: dict[str, object] = {"samples": count}
+        self.found: list[tuple[Cause, str]] = []
         self.fit = self._fit()
         self.v, self.u = places(self.direction @ self.fit.turn.matrix.T, self.height, self.width)
         self.at_centres = at_centres(self.v, self.u, self.height, self.width)
@@ -196,36 +197,35 @@ class _Samples:
         if self.radiance is not None:
             return find_fit(self.map, self.direction, self.radiance)
         if self.pdf is not None:
-            return find_fit(luminance(self.map)[..., None], self.direction, self.pdf[:, None])
+            area = solid_angles(self.height, self.width)[:, None]
+            return find_fit((self.p / area)[..., None], self.direction, self.pdf[:, None])
         return Fit(likeliest(luminance(self.map), self.direction), fitting=1.0)
+
+    def _add(self, name: str, more: str = "") -> None:
+        self.found.append((cause_named(name, CAUSES_OF_SAMPLES), more))
 
     def result(self, drawn: bool) -> TableCheck:
         """The verdict; ``drawn`` says that the directions were drawn in proportion to the light."""
-        found: list[tuple[Cause, str]] = []
-
-        def add(name: str, more: str = "") -> None:
-            found.append((cause_named(name, CAUSES_OF_SAMPLES), more))
-
         if self.off_unit > UNIT:
-            add("directions not normalised", f"one is off by {self.off_unit:.2g}")
+            self._add("directions not normalised", f"one is off by {self.off_unit:.2g}")
         orientation = str(self.fit.turn)
         wrongly_turned = bool(orientation) and self.fit.turn.preset is None
         if self.geometry.name:
-            add(self.geometry.name)
-        self._add_radiance(add)
+            self._add(self.geometry.name)
+        self._compare_radiance()
         self.details["within"] = self.geometry.name or ("centre" if self.at_centres else "pixel")
-        self._add_pixels(add)
-        mistaken = any(cause.name == "values of other pixels" for cause, _ in found)
+        self._compare_pixels()
+        mistaken = any(cause.name == "values of other pixels" for cause, _ in self.found)
         if not mistaken:
-            self._add_probabilities(add)
+            self._compare_probabilities()
             if drawn:
-                self._add_drawing(add, bool(found))
-        said = [f"{cause.name}: {cause.what}{f' ({more})' if more else ''}" for cause, more in found]
+                self._compare_drawing()
+        said = [f"{cause.name}: {cause.what}{f' ({more})' if more else ''}" for cause, more in self.found]
         if wrongly_turned:
             said.append(orientation)
         if not said:
             return TableCheck(True, self._agreement(drawn, orientation), None, orientation, self.details)
-        cause = found[0][0] if found else None
+        cause = self.found[0][0] if self.found else None
         return TableCheck(False, "does not agree; " + "; ".join(said), cause, orientation, self.details)
 
     def _agreement(self, drawn: bool, orientation: str) -> str:
@@ -242,12 +242,12 @@ class _Samples:
             )
         return said + (f"; {orientation}" if orientation else "")
 
-    def _add_radiance(self, add) -> None:  # type: ignore[no-untyped-def]
+    def _compare_radiance(self) -> None:
         if self.radiance is None:
             return
         self.details["radiance_of_their_pixels_share"] = self.fit.fitting
         if not self.fit.fitting:
-            add("values of other pixels")
+            self._add("values of other pixels")
             return
         pixels = self.map[self.y, self.x]
         factor = self.fit.factor
@@ -257,15 +257,15 @@ class _Samples:
         name, same = max(seen, key=lambda pair: pair[1].mean())  # the first of those that fit alike
         self.details["radiance_of_their_pixels_share"] = float(same.mean())
         if same.mean() < 0.95:
-            add("values of other pixels")
+            self._add("values of other pixels")
         elif name:
-            add(name)
+            self._add(name)
         elif abs(math.log(factor)) > 2e-3:
-            add("radiance scaled", f"by {factor:.5g}")
+            self._add("radiance scaled", f"by {factor:.5g}")
         elif not same.all():
             self.details["first_sample_of_another_radiance"] = int(same.argmin())
 
-    def _add_pixels(self, add) -> None:  # type: ignore[no-untyped-def]
+    def _compare_pixels(self) -> None:
         if self.pixel is None:
             return
         x, y = np.round(self.pixel).astype(np.int64).T
@@ -283,15 +283,15 @@ class _Samples:
             "of the direction in lightdome's convention": (x == np.floor(own_u)) & (y == np.floor(own_v)),
         }
         name, share = max(((name, same.mean()) for name, same in others.items()), key=lambda pair: pair[1])
-        add("pixel of another convention", name if share > 0.95 else f"{1 - same.mean():.0%} of them")
+        self._add("pixel of another convention", name if share > 0.95 else f"{1 - same.mean():.0%} of them")
 
-    def _add_probabilities(self, add) -> None:  # type: ignore[no-untyped-def]
+    def _compare_probabilities(self) -> None:
         area = solid_angles(self.height, self.width)[self.y]
         for values, what in (self.probability, "probability"), (self.pdf, "pdf"):
             if values is not None:
                 name, more = self._law(values, area, what)
                 if name:
-                    add(name, more)
+                    self._add(name, more)
 
     def _law(self, values: np.ndarray, area: np.ndarray, what: str) -> tuple[str, str]:
         """The mistake in the probabilities or densities, and a remark; "" for none."""
@@ -311,8 +311,8 @@ class _Samples:
             ]
         else:  # the density of pixels without sin(theta), over pixels of the right size, and the like
             named += [(name, q[self.y, self.x] / other) for name, q in laws(self.map)]
-        exact = max(((_agreeing(values, q), -n) for n, (_, q) in enumerate(named)))
-        self.details[f"{what}_right_share"] = _agreeing(values, named[0][1])
+        exact = max(((agreeing(values, q), -n) for n, (_, q) in enumerate(named)))
+        self.details[f"{what}_right_share"] = agreeing(values, named[0][1])
         if exact[0] > 0.95:
             return named[-exact[1]][0], ""
         # Proportional to one of them? Those with only few different values prove nothing.
@@ -321,12 +321,12 @@ class _Samples:
             lit = (q > 0) & (values > 0)
             if lit.mean() > 0.5:
                 factor = float(np.exp(np.median(np.log(values[lit]) - np.log(q[lit]))))
-                free.append((_agreeing(values, q * factor), -n, factor))
+                free.append((agreeing(values, q * factor), -n, factor))
         share, n, factor = max(free, default=(0.0, 0, 1.0))
         if share > 0.95:
             name = named[-n][0]
             more = f"{what} {factor:.5g} times too large"
-            more += self._factor_named(factor) if not name else ""
+            more += factor_named(self.map, factor, self.count) if not name else ""
             return name or "not normalised", more
         rough = np.abs(np.log(np.maximum(values, 1e-300) / np.maximum(p / per, 1e-300)))
         if np.median(rough) < 0.02:  # as differences of single-precision CDFs are
@@ -334,23 +334,7 @@ class _Samples:
             return "", ""
         return "not normalised", f"the {what} is that of no law that is known here"
 
-    def _factor_named(self, factor: float) -> str:
-        weight = right(self.map)
-        area = solid_angles(self.height, self.width)[:, None]
-        names = {
-            float(weight.sum()): "not divided by the sum of I sin(theta)",
-            float(3 * weight.sum()): "not divided by the sum of (R + G + B) sin(theta)",
-            float((luminance(self.map) * area).sum()): "not divided by the total flux",
-            float(weight.sum() / luminance(self.map).sum()): "divided by the sum of I without sin(theta)",
-            float(self.width * self.height): "multiplied by the number of pixels",
-            float(self.count): "multiplied by the number of samples",
-            1 / self.count: "divided by the number of samples",
-            4 * math.pi: "multiplied by 4 pi",
-        }
-        near = min(names, key=lambda value: abs(math.log(factor / value)))
-        return f": {names[near]}" if abs(math.log(factor / near)) < CLOSE else ""
-
-    def _add_drawing(self, add, known: bool) -> None:  # type: ignore[no-untyped-def]
+    def _compare_drawing(self) -> None:
         drawn = np.bincount(self.y * self.width + self.x, minlength=self.p.size).reshape(self.p.shape)
         off = deviations(self.p, drawn)
         self.details["chi_square_deviations"] = max(off.values(), default=math.nan)
@@ -360,7 +344,7 @@ class _Samples:
         distinct = self._repeated(drawn)
         if max(off.values(), default=0.0) < LIMIT and not black and not distinct:
             return
-        if known:  # a mistake that is told already may have this effect
+        if self.found:  # a mistake that is told already may have this effect
             return
         # As likely as can be, but for a hundredth that may come from anywhere.
         floor = 0.01 / self.p.size
@@ -373,14 +357,14 @@ class _Samples:
         if name and logs[best][1] > logs[0][1] + 8:
             under = max(deviations(law, drawn).values(), default=0.0)
             if under < max(LIMIT, 0.25 * worst):
-                add(name, f"the pixels are drawn so, {worst:.0f} standard deviations from right")
+                self._add(name, f"the pixels are drawn so, {worst:.0f} standard deviations from right")
                 return
         if black:
-            add("zero-weight pixels drawn", f"{black} samples")
+            self._add("zero-weight pixels drawn", f"{black} samples")
         elif distinct:
-            add("samples repeated", distinct)
+            self._add("samples repeated", distinct)
         else:
-            add("drawn by no known law", f"{worst:.0f} standard deviations")
+            self._add("drawn by no known law", f"{worst:.0f} standard deviations")
 
     def _repeated(self, drawn: np.ndarray) -> str:
         """A remark if samples occur too often, else ""."""
@@ -399,6 +383,24 @@ class _Samples:
         return ""
 
 
+def factor_named(radiance: np.ndarray, factor: float, count: int | None = None) -> str:
+    """Why probabilities may be so many times too large, ": " and a remark, or ""."""
+    weight = right(radiance)
+    flux = float((luminance(radiance) * solid_angles(*radiance.shape[:2])[:, None]).sum())
+    names = {
+        float(weight.sum()): "not divided by the sum of I sin(theta)",
+        float(3 * weight.sum()): "not divided by the sum of (R + G + B) sin(theta)",
+        flux: "not divided by the total flux",
+        float(weight.sum() / luminance(radiance).sum()): "divided by the sum of I without sin(theta)",
+        float(weight.size): "multiplied by the number of pixels",
+        4 * math.pi: "multiplied by 4 pi",
+    }
+    if count:
+        names |= {float(count): "multiplied by the number of samples", 1 / count: "divided by the number of samples"}
+    near = min(names, key=lambda value: abs(math.log(factor / value)))
+    return f": {names[near]}" if abs(math.log(factor / near)) < CLOSE else ""
+
+
 def _given(what: str, value: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray | None:
     if value is None:
         return None
@@ -414,7 +416,8 @@ def _alike(values: np.ndarray, expected: np.ndarray) -> np.ndarray:
     return np.abs(values - expected).max(axis=1) <= 2e-3 * np.abs(expected).max(axis=1)
 
 
-def _agreeing(values: np.ndarray, expected: np.ndarray) -> float:
+def agreeing(values: np.ndarray, expected: np.ndarray) -> float:
+    """The share of ``values`` that are the ``expected`` ones but for rounding."""
     return float((np.abs(values - expected) <= CLOSE * expected).mean())
 
 
