@@ -92,7 +92,7 @@ def _image(radiance: np.ndarray, image: np.ndarray, per: str) -> TableCheck:
         nonlocal best
         for unit, probabilities in ("pixel", values), ("steradian", values * area):
             unlike, total = _unlike(probabilities, q), float(probabilities.sum())
-            rank = unlike >= CLOSE, abs(total - 1) >= CLOSE, unlike
+            rank = unlike >= CLOSE, abs(total - 1) >= CLOSE, max(unlike, 1e-5)
             if best is None or rank < best[0]:
                 best = rank, name, orientation, unit, total
         assert best is not None
