@@ -39,6 +39,7 @@ COMMANDS = {
     "render": Command("part4_pbrt", "render the sphere with fresh samples for every pixel"),
     "lights": Command("lights", "turn a map into a few lights, as a file for another program"),
     "fresnel": Command("part1_fresnel", "plot the Fresnel reflectance of a dielectric"),
+    "check": Command("check", "say whether another program's image is right, and if not, what is wrong"),
     "bench": Command("bench", "measure the error of each method against its run time"),
     "roofline": Command("roofline", "measure each stage against what the machine can do"),
     "stability": Command("stability", "try samplers on maps that break samplers"),
