@@ -51,6 +51,7 @@ COMMANDS = {
     "convert": Command("convert", "write a map in another projection"),
     "lights": Command("lights", "turn a map into a few lights, as a file for another program"),
     "fresnel": Command("part1_fresnel", "plot the Fresnel reflectance of a dielectric"),
+    "check": Command("check", "say whether another program's image is right, and if not, what is wrong"),
     "bench": Command("bench", "measure the error of each method against its run time"),
     "roofline": Command("roofline", "measure each stage against what the machine can do"),
     "stability": Command("stability", "try samplers on maps that break samplers"),
