@@ -137,4 +137,5 @@ if not TYPE_CHECKING:  # or a type checker would take it for the type of every n
 def __dir__() -> list[str]:
     from pkgutil import iter_modules
 
-    return sorted({*__all__, *(module.name for module in iter_modules(__path__))})
+    names = (module.name for module in iter_modules(__path__))
+    return sorted({*__all__, *(name for name in names if not name.startswith("_"))})

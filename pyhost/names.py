@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 SEQUENCES = ("independent", "stratified", "sobol", "r2")  # points of samples that all pixels share
-WITHIN = ("centre", "pixel")  # where in its pixel the direction of a sample that all pixels share lies
+WITHIN = ("centre", "pixel")  # where in its pixel the direction of a sample lies
 PIXEL_SEQUENCES = ("independent", "sobol")  # points of samples for every pixel
 PROJECTIONS = (
     "latlong",
@@ -51,6 +51,7 @@ COMMANDS = {
     "convert": Command("convert", "write a map in another projection"),
     "lights": Command("lights", "turn a map into a few lights, as a file for another program"),
     "fresnel": Command("part1_fresnel", "plot the Fresnel reflectance of a dielectric"),
+    "check": Command("check", "say whether another program's image is right, and if not, what is wrong"),
     "bench": Command("bench", "measure the error of each method against its run time"),
     "roofline": Command("roofline", "measure each stage against what the machine can do"),
     "stability": Command("stability", "try samplers on maps that break samplers"),
@@ -62,7 +63,8 @@ COMMANDS = {
 class Estimator:
     """What is known of an estimator with fresh samples for every pixel."""
 
-    pixels: Literal["centres", "areas"]  # what it takes the map's pixels for, and so which exact image it converges to
+    pixels: Literal["centres", "areas"]  # what it takes the map's pixels for, and so which exact image it converges to;
+    # one for `centres` has a kernel rendering/render_NAME_areas.cl too, for directions anywhere within a pixel
     operations: int  # of one sample with a Sobol point, as lightdome.evaluation.roofline_stages counts them
 
 

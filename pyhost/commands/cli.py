@@ -76,8 +76,7 @@ def _data_folder() -> Path:
 
 
 def map_options(parser: argparse.ArgumentParser, positional: bool = False) -> None:
-    """Add ``--map`` and how to read it, for :func:`load_map`: the convention is undone first, then it is mirrored, then
-    it turns.
+    """Add ``--map`` and how to read it, for :func:`load_map`.
 
     The default is Grace if it is in the folder of :func:`_data_folder`, else the map that ships. With ``positional``
     the map is an argument that must be given.
@@ -111,12 +110,12 @@ def map_options(parser: argparse.ArgumentParser, positional: bool = False) -> No
         help="replace NaN, infinite and negative pixels by black; with clamp, infinite ones by the largest finite value"
         " of the file's format (default: refuse the map)",
     )
+    parser.add_argument("--flip", action="store_true", help="reverse the rows, for a file that was written upside down")
     orientation_options(parser)
 
 
 def orientation_options(parser: argparse.ArgumentParser) -> None:
-    """Add ``--flip``, ``--convention``, ``--mirror`` and ``--rotate``: which direction a pixel of the file is."""
-    parser.add_argument("--flip", action="store_true", help="reverse the rows, for a file that was written upside down")
+    """Add ``--convention``, which is undone first, ``--mirror``, and ``--rotate``, which comes last."""
     parser.add_argument(
         "--convention",
         choices=CONVENTIONS,
@@ -179,34 +178,38 @@ def load_map(args: argparse.Namespace) -> EnvironmentMap:
         projection=args.projection,
         convention=args.convention,
     )
-    envmap = envmap.mirrored() if args.mirror else envmap
-    envmap = envmap.rotated(*args.rotate) if args.rotate else envmap
+    envmap = turned(args, envmap)
     for note in (*envmap.notes, envmap.shape_note, envmap.replaced and envmap.replaced.note):
         if note:
             print(note, file=sys.stderr)
     return envmap
 
 
-def map_columns(args: argparse.Namespace, width: int, advice: str = "") -> np.ndarray:
-    """The columns of the file in the order in which :func:`load_map` has them.
+def turned(args: argparse.Namespace, envmap: EnvironmentMap) -> EnvironmentMap:
+    """The map after ``--mirror`` and ``--rotate``."""
+    envmap = envmap.mirrored() if args.mirror else envmap
+    return envmap.rotated(*args.rotate) if args.rotate else envmap
 
-    Raises :class:`LightdomeError` where it would resample; ``advice`` is what the user may do besides.
+
+def map_columns(args: argparse.Namespace, width: int, advice: str = "") -> np.ndarray:
+    """The columns of a file in the order in which :func:`orientation_options` has them, for a map that is never held.
+
+    Raises :class:`LightdomeError`, with ``advice``, where pixels would be resampled.
     """
     import numpy as np
 
     from ..maps.conventions import yaw_between
     from ..maps.rotation import rotation_matrix, whole_columns
 
-    columns = np.arange(width)
-    turns = [rotation_matrix(yaw_between(args.convention, "lightdome")), rotation_matrix(*args.rotate or [0.0])]
-    shifts = [whole_columns(width, turn) for turn in turns]
-    if None in shifts:
+    first = whole_columns(width, rotation_matrix(yaw_between(args.convention, "lightdome")))
+    last = whole_columns(width, rotation_matrix(*args.rotate or [0.0]))
+    if first is None or last is None:
         raise LightdomeError(
-            f"a map that is read in bands moves by whole columns, of which this one has {width}; choose --rotate and"
-            f" --convention so{advice}"
+            f"a map that is read in bands turns by whole columns only, and this one has {width}; change --rotate or"
+            f" --convention{advice}"
         )
-    columns = np.roll(columns, shifts[0])
-    return np.roll(columns[::-1] if args.mirror else columns, shifts[1])
+    columns = np.roll(np.arange(width), first)
+    return np.roll(columns[::-1] if args.mirror else columns, last)
 
 
 def device_option(parser: argparse.ArgumentParser) -> None:

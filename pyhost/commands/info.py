@@ -35,6 +35,7 @@ def main() -> None:
     )
     parser.add_argument("maps", type=Path, nargs="+", metavar="MAP", help="environment maps: .exr, .hdr or .pfm")
     parser.add_argument("--layer", metavar="NAME", help="layer or part of an .exr file that is the map")
+    parser.add_argument("--flip", action="store_true", help="reverse the rows, for a file that was written upside down")
     cli.orientation_options(parser)
     parser.add_argument(
         "--json", action="store_true", help="print a JSON object, or a list of them for several maps, and no text"
@@ -76,10 +77,14 @@ def main() -> None:
 
 def write_split(args: Namespace, path: Path) -> None:
     from ..maps.analysis import split_sun
+    from ..maps.envmap import EnvironmentMap
     from ..maps.images import write_image
 
     try:
-        split = split_sun(cli.load_map(Namespace(**vars(args), map=path, sanitize=False, projection="latlong")))
+        envmap = EnvironmentMap.read(
+            path, layer=args.layer, flip=args.flip, projection="latlong", convention=args.convention
+        )
+        split = split_sun(cli.turned(args, envmap))
     except LightdomeError as error:
         raise LightdomeError(f"{path}: {error}" if str(path) not in str(error) else str(error)) from error
     for name, envmap in ("sun", split.sun_map), ("rest", split.rest):

@@ -57,7 +57,7 @@ def exact(
     - ``centres``: a pixel of the map is the direction of its centre, weighted by its solid angle. Samples, lights,
       harmonics, and the estimators ``light`` and ``product`` converge to it.
     - ``areas``: a pixel of the map is an area of constant radiance, which the horizon may cut. The estimators ``bsdf``
-      and ``mis`` converge to it. About three times the work.
+      and ``mis`` converge to it, and the others with ``within="pixel"``. About three times the work.
 
     They differ, in both directions, by a part of the image's maximum that falls as 1 / H, H the map's height: by about
     5 % under one lamp on 16 x 8 pixels. Time is in proportion to R^2 H, with ``areas`` to R^2 (H + W), and to the map's
@@ -125,7 +125,7 @@ def exact(
                 KERNELS[pixels],
                 (len(tiles),),
                 stage="exact",
-                defines={"PIXELS": lanes, **defines},
+                defines={"WIDTH": lanes, **defines},
                 arcs=arcs,
                 width=width,
                 first=first,

@@ -94,11 +94,11 @@ class Harmonics:
             if m > 0:
                 of_azimuth += np.outer(sine[m], self.coefficients[n * n + n - m])
             value[n] += legendre[:, None] * of_azimuth
-        value = value.reshape(order + 1, len(y), len(phi), 3)
+        in_rows = value.reshape(order + 1, len(y), len(phi), 3)
         weight = weight * 2 * np.pi / len(phi)
         coefficients = np.empty_like(self.coefficients)
         for n, m, legendre in _legendre(order, y, radius[:, 0]):
-            of_rows = np.tensordot(legendre * weight, value[n], 1)
+            of_rows = np.tensordot(legendre * weight, in_rows[n], 1)
             coefficients[n * n + n + m] = np.cos(m * phi) @ of_rows
             if m > 0:
                 coefficients[n * n + n - m] = np.sin(m * phi) @ of_rows
@@ -192,7 +192,7 @@ def shade_harmonics(device: Device, harmonics: Harmonics, resolution: int = 511,
     device.launch(
         "lighting/harmonics",
         (len(tiles),),
-        defines={"PIXELS": pixels},
+        defines={"WIDTH": pixels},
         step=device.items_per_launch(TERMS_PER_LAUNCH, len(table) * pixels),
         progress="shading the sphere",
         tiles=tile_buffer,

@@ -103,7 +103,7 @@ def _shade(
     # One place decides: a CPU skips pairs of pixel and light tile by tile, a GPU has one work-item per pixel.
     if brute_force or device.is_gpu:
         pixels, rows = device.vector_width, 1
-        kernel, defines = "lighting/shade", {"PIXELS": pixels, "ROWS": rows, **defines}
+        kernel, defines = "lighting/shade", {"WIDTH": pixels, "ROWS": rows, **defines}
         lights: dict[str, Argument] = {"lights": memory.upload(device, light), "light_count": len(light)}
         why = "it was asked for" if brute_force else "a GPU has one work-item per pixel"
         device.decisions.use("brute force over pairs of pixel and light", why)

@@ -152,7 +152,8 @@ def analyse(
 ) -> Analysis:
     """Say what is in a map: a file or its rows, which are read in bands, a map, or radiance (H, W, 3).
 
-    ``layer`` and ``flip`` are those of :func:`lightdome.read_image`. Bad values are counted: see the module.
+    ``layer`` and ``flip`` are those of :func:`lightdome.read_image`; a file that is given as
+    :class:`lightdome.ImageRows` has its own. Bad values are counted: see the module.
 
     The number of samples is for the image of the sphere that :func:`lightdome.shade_samples` makes from ``independent``
     samples: with the one-sample estimate X = max(0, n . w) (L / I) Phi of the irradiance E, the relative RMSE of N

@@ -11,6 +11,7 @@ from helpers import stiff_radiance
 from lightdome.commands.convert import main
 from lightdome.errors import LightdomeError
 from lightdome.maps import convert
+from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import ImageRows, read_image, write_image
 
 MAP = stiff_radiance(16, 32)
@@ -61,6 +62,20 @@ def test_what_a_file_is_taken_for_is_said_and_can_be_overridden(
     run(monkeypatch, probe, out, "--to", "latlong", "--projection", "mirror")
     assert not capsys.readouterr().err
     np.testing.assert_array_equal(read_image(out), convert(read_image(probe), "mirror", "latlong"))
+
+
+@pytest.mark.parametrize("size", [None, 16])
+def test_a_map_is_written_for_another_program(path: Path, size: int | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = path.with_name("out.pfm")
+    turn = ("--convention", "skylibs", "--mirror", "--rotate", "45", "--to-convention", "mitsuba")
+    run(monkeypatch, path, out, "--to", "latlong", *turn, *(["--size", size] if size else []))
+    envmap = EnvironmentMap(MAP).to_convention("lightdome", from_="skylibs").mirrored().rotated(45)
+    expected = envmap.to_convention("mitsuba").radiance
+    np.testing.assert_allclose(
+        read_image(out), expected, rtol=1e-5 if size else 0, atol=1e-5 * MAP.max() if size else 0
+    )
+    with pytest.raises(SystemExit):
+        run(monkeypatch, path, out, "--to", "angular", "--to-convention", "pbrt")
 
 
 @pytest.mark.parametrize(

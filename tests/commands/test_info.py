@@ -12,6 +12,7 @@ from helpers import ROOT, stiff_radiance
 from lightdome import console
 from lightdome.commands import info
 from lightdome.maps import analyse
+from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import read_image, write_image
 
 DEFAULT = ROOT / "data" / "default.exr"
@@ -86,24 +87,19 @@ def test_layer_and_flip_are_those_of_reading(run: object, bad: Path) -> None:
     assert "layers" in run(bad, "--layer", "side")[2]
 
 
-def test_the_sun_is_where_another_program_sees_it(run: object, tmp_path: Path) -> None:
-    """Pitch and roll would resample, and are refused."""
-    azimuths = []
-    for options in ((), ("--rotate", 90), ("--mirror",), ("--convention", "mitsuba")):
-        status, said, _ = run(DEFAULT, "--json", "--split-sun", tmp_path, *options)
-        assert status == 0
-        sun = json.loads(said)["sun"]
-        split = analyse(read_image(tmp_path / "default_sun.exr")).sun
-        assert split.direction_xyz == pytest.approx(sun["direction_xyz"], abs=1e-6)
-        assert sun["elevation_degrees"] == pytest.approx(24.29, abs=0.01)
-        azimuths.append(sun["azimuth_degrees"])
-    assert azimuths[0] == pytest.approx(118.06, abs=0.01)
-    assert (azimuths[1] - azimuths[0]) % 180 == pytest.approx(90)
-    assert azimuths[2] == pytest.approx(360 - azimuths[0])
-    assert abs(azimuths[3] - azimuths[0]) > 1
-    status, _, errors = run(DEFAULT, "--rotate", 10, 20, 30)
-    assert (status, errors.count("\n")) == (1, 1)
-    assert "whole columns" in errors
+def test_a_map_is_told_as_it_is_turned(run: object, tmp_path: Path) -> None:
+    expected = EnvironmentMap.read(DEFAULT, convention="cycles").mirrored().rotated(90)
+    turn = ("--convention", "cycles", "--mirror", "--rotate", "90")
+    status, said, _ = run(DEFAULT, "--json", *turn, "--split-sun", tmp_path)
+    assert status == 0
+    told, wanted = json.loads(said), json.loads(json.dumps(analyse(expected).to_dict()))
+    for name in ("sun", "irradiance_plus_x_rgb_radiance_sr", "mean_direction_azimuth_degrees"):
+        assert told[name] == wanted[name], name
+    sun, rest = (read_image(tmp_path / f"default_{name}.exr") for name in ("sun", "rest"))
+    np.testing.assert_allclose(sun + rest, expected.radiance, rtol=1e-6)
+    status, _, errors = run(DEFAULT, "--rotate", "0", "20", "0")
+    assert status == 1
+    assert "turns by whole columns only" in errors
 
 
 def test_the_sun_is_split_off(run: object, tmp_path: Path, bad: Path) -> None:

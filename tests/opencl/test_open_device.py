@@ -347,14 +347,14 @@ def test_the_probe_says_why_a_device_fails_in_one_line(device: Device, monkeypat
 
 def test_a_kernel_is_built_once_per_set_of_defines(device: Device) -> None:
     programs = Programs(device.context)
-    kernel = programs.kernel("lighting/shade", PIXELS=1, ROWS=1)
-    assert programs.kernel("lighting/shade", ROWS=1, PIXELS=1) is kernel
-    assert programs.kernel("lighting/shade", PIXELS=1, ROWS=2) is not kernel
+    kernel = programs.kernel("lighting/shade", WIDTH=1, ROWS=1)
+    assert programs.kernel("lighting/shade", ROWS=1, WIDTH=1) is kernel
+    assert programs.kernel("lighting/shade", WIDTH=1, ROWS=2) is not kernel
 
 
 def test_a_build_that_fails_is_one_line(device: Device) -> None:
     with pytest.raises(LightdomeError, match=r"refuses clkernels/lighting/shade\.cl") as error:
-        Programs(device.context).kernel("lighting/shade", PIXELS=3, ROWS=1)
+        Programs(device.context).kernel("lighting/shade", WIDTH=3, ROWS=1)
     assert "\n" not in str(error.value)
 
 

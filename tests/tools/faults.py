@@ -65,22 +65,22 @@ TESTS: dict[str, tuple[str, ...]] = {
     "normal.clh": ("test_sphere.py", "test_render.py"),
     "pixel_block.clh": RENDER,
     "prefix_sum.clh": DRAWS,
+    "pixel_places.clh": RENDER,
     "product.clh": RENDER,
+    "product_block.clh": RENDER,
     "product_cdf.cl": RENDER,
     "render_bsdf.cl": RENDER,
-    "render_light.cl": RENDER,
     "render_mis.cl": RENDER,
-    "render_product.cl": RENDER,
+    "render_product_areas.cl": RENDER,
     "row_cdf.cl": DRAWS,
     "row_sums.cl": CUT,
     "sample_block.clh": DRAWS,
     "sequence.clh": ("test_sequences.py", "test_distribution.py", "test_split_work.py", "test_render.py"),
     "shade.cl": SPHERE,
-    "within_pixel.clh": ("test_within.py",),
+    "within_pixel.clh": ("test_exact_operations.py", "test_within.py"),
     "shade_tiles.cl": SPHERE,
     "span_sums.cl": CUT,
     "sphere.clh": SPHERE,
-    "streams.clh": RENDER,
     # the host
     "streaming.py": ("test_streaming.py", "test_split_work.py"),
     "distribution.py": ("test_distribution.py", "test_within.py", "test_split_work.py", "test_checks.py"),
@@ -191,7 +191,7 @@ FAULTS: list[Fault] = [
     ),
     kernel(
         "sobol per pixel: both axes by one key",
-        "streams.clh",
+        "pixel_block.clh",
         "scramble_down[k] = words.y[k];",
         "scramble_down[k] = words.x[k];",
         "a copied line",
@@ -354,6 +354,13 @@ FAULTS: list[Fault] = [
         "a correction left out",
     ),
     kernel(
+        "roots: rounded down",
+        "within_pixel.clh",
+        "(left > root ? 1 : 0)",
+        "0",
+        "a correction left out",
+    ),
+    kernel(
         "places: axes swapped",
         "within_pixel.clh",
         "mul_hi(across[k], inner)",
@@ -438,7 +445,7 @@ FAULTS: list[Fault] = [
     kernel(
         "shade: sums without compensation",
         "shade.cl",
-        "DOUBLE_WORD_ADD(pixels, sum[j][c], sum_lo[j][c], chunk[j][c]);",
+        "DOUBLE_WORD_ADD(wide, sum[j][c], sum_lo[j][c], chunk[j][c]);",
         "sum[j][c] += chunk[j][c];",
         "compensation dropped",
     ),
@@ -452,8 +459,8 @@ FAULTS: list[Fault] = [
     kernel(
         "shade: cosine not clamped",
         "shade.cl",
-        "x + ny[j] * light[1]), (pixels)(0.0f));",
-        "x + ny[j] * light[1]), (pixels)(-1.0f));",
+        "x + ny[j] * light[1]), (wide)(0.0f));",
+        "x + ny[j] * light[1]), (wide)(-1.0f));",
         "light from below the horizon counts",
     ),
     kernel(
@@ -494,15 +501,15 @@ FAULTS: list[Fault] = [
     kernel(
         "exact: an arc ends a column early",
         "exact.cl",
-        "(int)floor(centre[k] + h) + 2;",
-        "(int)floor(centre[k] + h);",
+        "to_wide_int(floor(centre + h)) + 1, end",
+        "to_wide_int(floor(centre + h)), end",
         "an end that is not beyond the last",
     ),
     kernel(
         "exact: a row that is lit whole lacks its last column",
         "exact.cl",
-        "whole += row[2 * width] - row[0]",
-        "whole += row[2 * width - 2] - row[0]",
+        "whole += arc_between(row, 0, width);",
+        "whole += arc_between(row, 0, width - 1);",
         "off by one",
     ),
     kernel(
@@ -529,15 +536,15 @@ FAULTS: list[Fault] = [
     kernel(
         "exact_areas: a power is left out",
         "exact_areas.cl",
-        "    sum = FMA(t, sum, (pixels)(c.s2));\n",
+        "    sum = FMA(t, sum, (wide)(c.s2));\n",
         "",
         "a coefficient forgotten",
     ),
     kernel(
         "sphere: a tile's rows one apart",
         "sphere.clh",
-        "return resolution - 2 * ((int)tile.y + row) - 1;",
-        "return resolution - 2 * ((int)tile.y + row);",
+        "b = resolution - 2 * ((int)tile.y + row) - 1;",
+        "b = resolution - 2 * ((int)tile.y + row);",
         "half a pixel",
     ),
     kernel(
@@ -661,8 +668,8 @@ FAULTS: list[Fault] = [
     kernel(
         "mis: the second stream is the first",
         "render_mis.cl",
-        "second[i] = index[i] | 0x80000000u;",
-        "second[i] = index[i];",
+        "second[i] = block.index[i] | 0x80000000u;",
+        "second[i] = block.index[i];",
         "both points alike",
     ),
     kernel(
@@ -673,10 +680,10 @@ FAULTS: list[Fault] = [
         "half of a heuristic changed",
     ),
     kernel(
-        "mis: a light sample at its pixel's edge",
-        "render_mis.cl",
-        "turn[k] = x[k] + place[k];",
-        "turn[k] = x[k];",
+        "a direction within a pixel at its edge",
+        "pixel_places.clh",
+        "column = to_wide(LOAD_WIDE(x + k)) + LOAD_WIDE(across + k);",
+        "column = to_wide(LOAD_WIDE(x + k));",
         "a pixel taken for its edge",
     ),
     kernel(
@@ -702,9 +709,9 @@ FAULTS: list[Fault] = [
     ),
     kernel(
         "render: the last block writes too much",
-        "render_light.cl",
-        "block_store(&samples, index, min((uint)BLOCK, pixel_count - first), resolution, sum);",
-        "block_store(&samples, index, BLOCK, resolution, sum);",
+        "pixel_block.clh",
+        "const uint count = min((uint)BLOCK, pixel_count - (uint)get_global_id(0) * BLOCK);",
+        "const uint count = BLOCK;",
         "a remainder: the last pixel counts many times",
     ),
     kernel(
@@ -723,18 +730,18 @@ FAULTS: list[Fault] = [
     ),
     kernel(
         "product: the last row of cells is cut off",
-        "render_product.cl",
-        "last[k] = min(cell_size.y, height - j[k] * cell_size.y) - 1;",
-        "last[k] = min(cell_size.y, height - j[k] * cell_size.y) - 1;\n"
-        "last[k] = j[k] + 1 == cells.y && height % cell_size.y ? 0 : last[k];",
+        "product_block.clh",
+        "last[k] = min(cdfs->cell_size.y, cdfs->height - j[k] * cdfs->cell_size.y) - 1;",
+        "last[k] = min(cdfs->cell_size.y, cdfs->height - j[k] * cdfs->cell_size.y) - 1;\n"
+        "last[k] = j[k] + 1 == cdfs->cells.y && cdfs->height % cdfs->cell_size.y ? 0 : last[k];",
         "the last cell taken for one row",
     ),
     kernel(
         "product: the last column of cells is cut off",
-        "render_product.cl",
-        "last[k] = min(cell_size.x, width - i[k] * cell_size.x) - 1;",
-        "last[k] = min(cell_size.x, width - i[k] * cell_size.x) - 1;\n"
-        "last[k] = i[k] + 1 == cells.x && width % cell_size.x ? 0 : last[k];",
+        "product_block.clh",
+        "last[k] = min(cdfs->cell_size.x, cdfs->width - i[k] * cdfs->cell_size.x) - 1;",
+        "last[k] = min(cdfs->cell_size.x, cdfs->width - i[k] * cdfs->cell_size.x) - 1;\n"
+        "last[k] = i[k] + 1 == cdfs->cells.x && cdfs->width % cdfs->cell_size.x ? 0 : last[k];",
         "the last cell taken for one column",
     ),
     kernel(
@@ -780,6 +787,20 @@ FAULTS: list[Fault] = [
         "red taken for light",
     ),
     kernel(
+        "cells: reach to centres alone",
+        "cells.cl",
+        ") + spread[y]);",
+        "));",
+        "pixels that the horizon cuts have no chance",
+    ),
+    kernel(
+        "product within pixels: a place of the other point",
+        "render_product_areas.cl",
+        "block_placed(edge, width, x, y, place_across, place_down, &w);",
+        "block_placed(edge, width, x, y, place_down, place_down, &w);",
+        "a copied name",
+    ),
+    kernel(
         "cells: rows without sin(theta)",
         "cells.cl",
         "const float g = sum * t.x;",
@@ -788,7 +809,7 @@ FAULTS: list[Fault] = [
     ),
     kernel(
         "render_product: the rest of a point is the point",
-        "render_product.cl",
+        "product_block.clh",
         "u[k] = (uint)(((ulong)u[k] * total[k] - ((ulong)below << 32)) / (at[0] - below));",
         "u[k] = u[k];",
         "a number used twice",
@@ -1941,8 +1962,8 @@ FAULTS: list[Fault] = [
     command(
         "--mirror after --rotate",
         "cli.py",
-        "np.roll(columns[::-1] if args.mirror else columns, shifts[1])",
-        "np.roll(columns, shifts[1])[:: -1 if args.mirror else 1]",
+        "np.roll(columns[::-1] if args.mirror else columns, last)",
+        "np.roll(columns, last)[:: -1 if args.mirror else 1]",
         "an order",
     ),
     command("--projection is ignored", "cli.py", "        projection=args.projection,\n", "", "an option ignored"),
@@ -2336,15 +2357,29 @@ FAULTS: list[Fault] = [
     command(
         "part 2: --seed ignored",
         "part2_sample.py",
-        "seed=args.seed, sequence=args.sequence, within",
-        "sequence=args.sequence, within",
+        "seed=args.seed, sequence=args.sequence, within=args.within)",
+        "sequence=args.sequence, within=args.within)",
         "an option ignored",
     ),
     command(
         "part 2: --sequence ignored",
         "part2_sample.py",
-        "seed=args.seed, sequence=args.sequence, within",
-        "seed=args.seed, within",
+        "seed=args.seed, sequence=args.sequence, within=args.within)",
+        "seed=args.seed, within=args.within)",
+        "an option ignored",
+    ),
+    command(
+        "part 2: --within ignored",
+        "part2_sample.py",
+        "sequence=args.sequence, within=args.within)",
+        "sequence=args.sequence)",
+        "an option ignored",
+    ),
+    command(
+        "part 2: --within ignored with --samples-only",
+        "part2_sample.py",
+        "        within=args.within,\n",
+        "",
         "an option ignored",
     ),
     command(
