@@ -90,13 +90,7 @@ def map_options(parser: argparse.ArgumentParser, positional: bool = False) -> No
         default=None if positional else (grace if grace.exists() else data / "default.exr"),
         help="environment map: .exr, .hdr or .pfm",
     )
-    parser.add_argument(
-        "--projection",
-        choices=PROJECTIONS,
-        metavar="NAME",
-        help=f"how the map lies in its file: {', '.join(PROJECTIONS)} (default: what its header, its sides and black"
-        " corners say)",
-    )
+    projection_option(parser)
     parser.add_argument(
         "--layer",
         metavar="NAME",
@@ -112,6 +106,17 @@ def map_options(parser: argparse.ArgumentParser, positional: bool = False) -> No
     )
     parser.add_argument("--flip", action="store_true", help="reverse the rows, for a file that was written upside down")
     orientation_options(parser)
+
+
+def projection_option(parser: argparse.ArgumentParser) -> None:
+    """Add ``--projection``."""
+    parser.add_argument(
+        "--projection",
+        choices=PROJECTIONS,
+        metavar="NAME",
+        help=f"how the map lies in its file: {', '.join(PROJECTIONS)} (default: what its header, its sides and black"
+        " corners say)",
+    )
 
 
 def orientation_options(parser: argparse.ArgumentParser) -> None:
