@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conventions import python_with
 from lightdome import maps
 from lightdome.errors import LightdomeError
 from lightdome.maps.conversion import detected
@@ -252,9 +252,9 @@ for ours, theirs, size in (("angular", "angular", 64), ("mirror", "sphere", 64),
 
 @pytest.mark.peer
 def test_directions_are_those_of_skylibs(tmp_path: Path) -> None:
-    python = os.environ.get("LIGHTDOME_SKYLIBS")
-    if not python:
-        pytest.skip("needs LIGHTDOME_SKYLIBS, a Python that has skylibs")
+    python = python_with("envmap")
+    if python is None:
+        pytest.skip("needs the package skylibs, here or in a Python of LIGHTDOME_PEERS")
     subprocess.run([python, "-c", SKYLIBS, tmp_path], check=True, timeout=120)
     for name in ("angular", "mirror", "cube-cross"):
         theirs = np.load(tmp_path / f"{name}.npy")
