@@ -143,5 +143,5 @@ if not TYPE_CHECKING:  # or a type checker would take it for the type of every n
 def __dir__() -> list[str]:
     from pkgutil import iter_modules
 
-    modules = {module.name for module in iter_modules(__path__)} - {"__main__"}
-    return sorted({*__all__, *modules})
+    names = (module.name for module in iter_modules(__path__))
+    return sorted({*__all__, *(name for name in names if not name.startswith("_"))})

@@ -160,11 +160,11 @@ def array(
     except (ValueError, TypeError):  # rows of different lengths
         result = np.empty(0, object)
     if result.dtype.kind not in "fiu":
-        raise LightdomeError(f"{what} must be {form}real numbers, got {told(value)}")
+        raise LightdomeError(f"{what} must be {form}, got {told(value)}")
     if shape is not None and (
         result.ndim != len(shape) or any(n != m for n, m in zip(shape, result.shape, strict=True) if isinstance(n, int))
     ):
-        raise LightdomeError(f"{what} must be {form}real numbers, got shape {result.shape}")
+        raise LightdomeError(f"{what} must be {form}, got shape {result.shape}")
     with np.errstate(over="ignore"):  # to infinity
         if not own:
             return result.astype(dtype or result.dtype, copy=False)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from ..errors import LightdomeError, exactly
 from ..files import utf8_name
 from ..maps.default_map import default_map
-from ..names import COMMANDS, CONVENTIONS
+from ..names import COMMANDS, CONVENTIONS, PROJECTIONS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -92,8 +92,9 @@ def map_options(parser: argparse.ArgumentParser, positional: bool = False) -> No
         type=Path,
         metavar="MAP" if positional else "FILE",
         default=None if positional else (grace if grace.exists() else data / "default.exr"),
-        help="latitude-longitude environment map: .exr, .hdr or .pfm",
+        help="environment map: .exr, .hdr or .pfm",
     )
+    projection_option(parser)
     parser.add_argument(
         "--layer",
         metavar="NAME",
@@ -109,6 +110,17 @@ def map_options(parser: argparse.ArgumentParser, positional: bool = False) -> No
     )
     parser.add_argument("--flip", action="store_true", help="reverse the rows, for a file that was written upside down")
     orientation_options(parser)
+
+
+def projection_option(parser: argparse.ArgumentParser) -> None:
+    """Add ``--projection``."""
+    parser.add_argument(
+        "--projection",
+        choices=PROJECTIONS,
+        metavar="NAME",
+        help=f"how the map lies in its file: {', '.join(PROJECTIONS)} (default: what its header, its sides and black"
+        " corners say)",
+    )
 
 
 def orientation_options(parser: argparse.ArgumentParser) -> None:
@@ -149,6 +161,8 @@ def map_arguments(args: argparse.Namespace) -> list[object]:
     if args.sanitize:
         result += ["--sanitize", args.sanitize]
     result += [f"--{name}" for name in ("flip", "mirror") if getattr(args, name)]
+    if args.projection:
+        result += ["--projection", args.projection]
     if args.convention != CONVENTIONS[0]:
         result += ["--convention", args.convention]
     return result + (["--rotate", *args.rotate] if args.rotate else [])
@@ -166,7 +180,12 @@ def load_map(args: argparse.Namespace) -> EnvironmentMap:
     from ..maps.envmap import EnvironmentMap  # only here: a script without a map needs no image library
 
     envmap = EnvironmentMap.read(
-        args.map, sanitize=args.sanitize, layer=args.layer, flip=args.flip, convention=args.convention
+        args.map,
+        sanitize=args.sanitize,
+        layer=args.layer,
+        flip=args.flip,
+        projection=args.projection,
+        convention=args.convention,
     )
     envmap = turned(args, envmap)
     for note in (*envmap.notes, envmap.shape_note, envmap.replaced and envmap.replaced.note):

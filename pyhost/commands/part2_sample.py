@@ -67,6 +67,10 @@ def main() -> None:
     from ..maps.images import ImageRows
 
     image = ImageRows(args.map, layer=args.layer, flip=args.flip)
+    if args.samples_only and (image.is_cube or args.projection not in (None, "latlong")):
+        raise LightdomeError(
+            "--samples-only reads latitude-longitude maps alone; lightdome convert makes one of any other"
+        )
     device = cli.open_device(args)
     print(f"map: {args.map}, {image.width} x {image.height}")
     if args.samples_only:

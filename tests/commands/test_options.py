@@ -45,6 +45,7 @@ from lightdome.evaluation.stability import Case, Result
 from lightdome.fresnel import plot
 from lightdome.lighting.exact import exact
 from lightdome.lighting.shade import shade_samples
+from lightdome.maps import convert
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import auto_exposure, read_image, write_image
 from lightdome.names import ESTIMATORS, METHODS
@@ -308,6 +309,22 @@ def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
 def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
     radiance = np.ascontiguousarray(world.radiance["map"][::-1])
     sees(world, patch, script, radiance, "--map", world.folder / "map.pfm", "--flip")
+
+
+@option("--projection", *MAPPED)
+def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
+    cross = convert(world.radiance["map"], to="cube-cross", size=5)
+    write_image(world.folder / "cross.pfm", cross)
+    arguments = ("--map", world.folder / "cross.pfm", "--projection")
+    sees(world, patch, script, cross, *arguments, "latlong")
+    if script != "part2_sample":
+        sees(world, patch, script, convert(cross, "cube-cross"), *arguments, "cube-cross")
+        return
+    ran = world.base(script, *arguments, "cube-cross")
+    expected = build_distribution(world.device, EnvironmentMap(convert(cross, "cube-cross"))).sample(40)
+    np.testing.assert_array_equal(Samples.load(ran.out / "samples_40.npz").radiance, expected.radiance)
+    with pytest.raises(LightdomeError, match="latitude-longitude maps alone"):
+        world.base(script, *arguments, "cube-cross", "--samples-only")
 
 
 @option("--convention", *MAPPED)

@@ -106,6 +106,10 @@ TESTS: dict[str, tuple[str, ...]] = {
     "geometry.py": ("test_envmap.py", "test_distribution.py"),
     "equal_area.py": ("test_pbrt.py",),
     "exr.py": ("test_exr.py",),
+    "convert.py": ("test_convert.py",),
+    "conversion.py": ("test_projections.py",),
+    "projections.py": ("test_projections.py", "test_resample.py"),
+    "resample.py": ("test_resample.py",),
     "files.py": ("test_resources.py",),
     "float_range.py": ("test_sphere.py", "test_stability.py"),
     "equations.py": FRESNEL,
@@ -1955,9 +1959,7 @@ FAULTS: list[Fault] = [
         "grace",
         "an order of preference",
     ),
-    command(
-        "--flip is ignored", "cli.py", "layer=args.layer, flip=args.flip,", "layer=args.layer,", "an option ignored"
-    ),
+    command("--flip is ignored", "cli.py", "        flip=args.flip,\n", "", "an option ignored"),
     command(
         "--mirror after --rotate",
         "cli.py",
@@ -1965,11 +1967,12 @@ FAULTS: list[Fault] = [
         "np.roll(columns, last)[:: -1 if args.mirror else 1]",
         "an order",
     ),
+    command("--projection is ignored", "cli.py", "        projection=args.projection,\n", "", "an option ignored"),
     command(
         "--layer is ignored",
         "cli.py",
-        "layer=args.layer, flip=args.flip,",
-        "flip=args.flip,",
+        "        layer=args.layer,\n",
+        "",
         "an option ignored",
         ("test_exr.py",),
     ),
