@@ -8,12 +8,14 @@ itself exits with 2 on a wrong command line. Defects of lightdome keep their tra
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
+import os
 import sys
 import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..errors import LightdomeError, exactly
 from ..files import utf8_name
@@ -45,12 +47,25 @@ class _Help(argparse.HelpFormatter):
         return "\n\n".join(super(_Help, self)._fill_text(part, width, indent) for part in text.split("\n\n"))
 
 
+class Parser(argparse.ArgumentParser):
+    """A parser that answers a shell's question how a command line goes on, where argcomplete is installed."""
+
+    def parse_args(self, *arguments: Any, **options: Any) -> argparse.Namespace:  # type: ignore[override]
+        """As usual, unless a shell asks: then print its answer and exit."""
+        if "_ARGCOMPLETE" in os.environ:
+            with contextlib.suppress(ImportError):
+                import argcomplete
+
+                argcomplete.autocomplete(self)
+        return super().parse_args(*arguments, **options)
+
+
 def parser(description: str, example: str, out: str | None = None) -> argparse.ArgumentParser:
     """An argument parser with the look that all commands share, and the option ``--out`` if there is a default.
 
     The first paragraph of ``description`` is the purpose in one line; ``example`` holds the arguments of one.
     """
-    result = argparse.ArgumentParser(
+    result = Parser(
         prog=Path(sys.argv[0]).name,
         description=description,
         epilog=f"example: {program()} {example}".rstrip(),

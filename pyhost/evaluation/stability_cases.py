@@ -141,7 +141,7 @@ def ends(maps: Maps, device: Device, _: int) -> Iterator[Figures]:
         ]
         p = reference.probability(radiance)[rows, x]
         yield {
-            "wrong": float(np.count_nonzero((samples.pixel != np.stack([x, y], axis=1)).any(axis=1))),
+            "wrong": float(np.count_nonzero((samples.pixel != np.stack([x, rows], axis=1)).any(axis=1))),
             "zero": float(np.count_nonzero(~samples.radiance.any(axis=1))),
             "p": float(np.abs(samples.probability / p - 1).max()),
             "nonfinite": float(np.count_nonzero(~np.isfinite(samples.probability))),
