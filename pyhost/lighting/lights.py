@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple, overload
+from typing import overload
 
 import numpy as np
 
@@ -20,7 +20,8 @@ from ..maps.rotation import rotation_matrix
 from ..sampling.samples import Samples
 
 
-class Light(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Light:
     """One of :class:`Lights`: ``direction`` and ``flux``, (3,) both."""
 
     direction: np.ndarray

@@ -37,7 +37,7 @@ from .rates import Rates
 
 PROBE_SECONDS = 60.0
 FAILURE_SECONDS = 86400.0  # for which a failure is remembered where another device works
-INSTALL = "pip install 'lightdome[pocl]', apt-get install pocl-opencl-icd, or your GPU's driver"
+INSTALL = "apt-get install pocl-opencl-icd, pip install 'lightdome[pocl]', or your GPU's driver"
 
 
 @dataclass(frozen=True)

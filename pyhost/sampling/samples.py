@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, NamedTuple, overload
+from typing import Any, overload
 
 import numpy as np
 
@@ -24,9 +24,11 @@ from ..names import WITHIN
 MAX_SAMPLES = 2**27  # what a file may hold; 44 bytes each
 MAX_INFLATION = 64  # `save` packs nothing; what others packed is far from this, but a bomb is not
 MAX_SIDE = 2**20  # of a map
+PER_SAMPLE = ("direction", "radiance", "probability", "pixel")  # arrays of samples
 
 
-class Sample(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Sample:
     """One of :class:`Samples`: ``direction`` and ``radiance`` (3,), ``probability``, and ``pixel`` (x, y)."""
 
     direction: np.ndarray
@@ -98,7 +100,7 @@ class Samples:
         if not isinstance(index, slice | np.ndarray):
             probability = float(self.probability[index])
             return Sample(self.direction[index], self.radiance[index], probability, self.pixel[index])
-        parts = {name: np.ascontiguousarray(getattr(self, name)[index]) for name in Sample._fields}
+        parts = {name: np.ascontiguousarray(getattr(self, name)[index]) for name in PER_SAMPLE}
         if len(parts["probability"]) == 0:
             raise LightdomeError(f"a set of samples must hold one or more, got none of {len(self)}")
         return checks.made(Samples, **{**vars(self), **parts})
