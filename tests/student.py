@@ -150,11 +150,14 @@ def _shade(direction: np.ndarray, flux: np.ndarray, side: int, mistake: str | No
         normal[:, 2] = 1
     elif mistake == "normals without root":
         normal[:, 2] **= 2
+    pixels = []
+    for part in np.array_split(normal, 1 + len(normal) // 2048):
+        cosine = part @ direction.T
+        if mistake == "absolute cosine":
+            cosine = np.abs(cosine)
+        elif mistake != "cosine not clamped":
+            cosine = np.maximum(0, cosine)
+        pixels.append(cosine @ flux)
     image = np.zeros((side, side, 3))
-    cosine = normal @ direction.T
-    if mistake == "absolute cosine":
-        cosine = np.abs(cosine)
-    elif mistake != "cosine not clamped":
-        cosine = np.maximum(0, cosine)
-    image[inside] = cosine @ flux
+    image[inside] = np.concatenate(pixels)
     return image
