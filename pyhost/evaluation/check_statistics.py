@@ -156,7 +156,7 @@ def noise_of(basis: np.ndarray, residual: np.ndarray, side: int) -> np.ndarray:
     image[mask] = residual - basis @ (basis.T @ residual / len(residual))
     rough = image - _box(image, 5) / np.maximum(_box(mask[..., None].astype(float), 5), 1)
     rough[~mask] = 0
-    # Neighbours that are alike, as after a wide pixel filter, average out less.
+    # Neighbours that are alike, as after a wide pixel filter, average out less; whole blocks alike are no noise.
     whole = side // 4 * 4
     blocks = image[:whole, :whole].reshape(whole // 4, 4, whole // 4, 4, 3).sum(axis=(1, 3))
     alike = max(1.0, float((blocks**2).sum() / max((rough**2).sum(), 1e-300)))
@@ -166,7 +166,7 @@ def noise_of(basis: np.ndarray, residual: np.ndarray, side: int) -> np.ndarray:
     for c in range(3):
         for d in range(3):
             result[:, c, :, d] = (basis * (values[:, [c]] * values[:, [d]])).T @ basis
-    return result.reshape(3 * count, 3 * count) * (min(alike, 16.0) / size**2)
+    return result.reshape(3 * count, 3 * count) * ((alike if alike < 16 else 1.0) / size**2)
 
 
 def _box(image: np.ndarray, side: int) -> np.ndarray:
