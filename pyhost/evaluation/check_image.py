@@ -182,8 +182,9 @@ class _Hypothesis:
     @property
     def simplicity(self) -> float:
         """Standard deviations that a hypothesis must be better by than the simplest one."""
-        known = self.is_named or (self.cause is not None and self.cause.about)
-        factors = 1.0 * known or 2.0 * self.factors**0.5
+        factors = 1.0 if self.is_named else 2.0 * self.factors**0.5
+        if self.cause is not None and self.cause.about:
+            factors = 0.0
         return factors + 1.0 * (self.cause is not None) + 1.5 * (self.orientation is not None)
 
 
