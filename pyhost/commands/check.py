@@ -67,14 +67,13 @@ def image_lines(check: ImageCheck) -> Iterator[str]:
     if check.cause:
         yield _line("seen", check.cause.seen)
         yield _line("where", check.cause.where)
-    yield from check.notes
     yield _line("relative RMSE", f"{check.relative_rmse:.2%}")
     if check.expected:
         e = check.expected
         per = "samples per pixel" if e.per_pixel else "samples"
         yield _line("expected", f"{e.mean:.2%}, nine of ten images of {e.count} {per} from {e.low:.2%} to {e.high:.2%}")
     if not math.isnan(check.deviations):
-        yield _line("bias", f"{check.deviations:.1f} standard deviations")
+        yield _line("off by", f"{check.deviations:.1f} standard deviations")
     yield _line("by channel", "red {:+.2%}, green {:+.2%}, blue {:+.2%}".format(*check.bias))
     yield _line("factors", "red {:.4g}, green {:.4g}, blue {:.4g}".format(*check.factor))
     if check.orientation:
