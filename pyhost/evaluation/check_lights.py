@@ -147,7 +147,7 @@ class _Lights:
         self.exact = cosine @ whole.flux
         cut = median_cut(distribution, self.count)
         self.cut_error = self.error(cut.direction.astype(np.float64), cut.flux)
-        self.close = MORE * self.cut_error + 3e-3
+        self.close = MORE * self.cut_error + FLUX + 1e-3
         share = whole.flux.sum(axis=1) / whole.flux.sum()
         square = (cosine**2) @ (whole.flux**2 / np.where(share > 0, share, 1)[:, None])
         self.sample_error = math.sqrt((square - self.exact**2).mean() / (self.exact**2).mean() / self.count)
@@ -213,18 +213,19 @@ class _Lights:
     def orientation(self, flux: np.ndarray, error: float, limit: float) -> tuple[Turn, str, float]:
         """The turn of the directions, a mistake in their angles, and the error that is left."""
         own = Turn("", 0.0), "", error
-        if error <= self.close:
+        if error <= limit:
             return own
         tried = [(self.error(self.direction @ turn.matrix.T, flux), turn) for turn in turns()]
+        # A convention that chance allows is likelier than a turn that fits better.
+        tried = [(e, turn) for e, turn in tried if turn.preset and e <= limit] or tried
         least = min(e for e, _ in tried)
         turned, turn = next((e, t) for e, t in tried if e <= least * 1.001)
         best = (turn, "", turned)
         for name, direction in _geometries(self.direction):
             without = self.error(direction, flux)
-            if without < 0.7 * best[2]:
+            if without < 0.7 * best[2] and best[2] > limit:
                 best = Turn("", 0.0), name, without
-        # What may be samples must be turned beyond doubt.
-        return best if best[2] <= (limit if error > limit else self.close) and best[2] < 0.5 * error else own
+        return best if best[2] <= limit and best[2] < 0.7 * error else own
 
     def flux_mistake(self, found: np.ndarray, factor: float, alike: bool) -> tuple[str, str]:
         """The cause of another total flux, and a remark; ``alike`` says that nothing else is wrong."""
