@@ -50,6 +50,7 @@ if TYPE_CHECKING:
         sampling,
     )
     from .errors import LightdomeError
+    from .evaluation.check_image import check_image
     from .lighting.exact import exact
     from .lighting.harmonics import Harmonics, project, shade_harmonics
     from .lighting.light_files import write_csv, write_lights, write_pbrt
@@ -71,6 +72,7 @@ _HOME = {
     "build_distribution": "sampling.distribution",
     "EnvironmentMap": "maps.envmap",
     "LightdomeError": "errors",
+    "check_image": "evaluation.check_image",
     "Harmonics": "lighting.harmonics",
     "project": "lighting.harmonics",
     "shade_harmonics": "lighting.harmonics",
@@ -103,6 +105,7 @@ __all__ = [
     "__version__",
     "auto_exposure",
     "build_distribution",
+    "check_image",
     "exact",
     "median_cut",
     "open_device",

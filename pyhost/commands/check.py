@@ -67,7 +67,6 @@ def image_lines(check: ImageCheck) -> Iterator[str]:
     if check.cause:
         yield _line("seen", check.cause.seen)
         yield _line("where", check.cause.where)
-    yield from check.notes
     yield _line("relative RMSE", f"{check.relative_rmse:.2%}")
     if check.expected:
         e = check.expected
