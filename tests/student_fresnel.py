@@ -1,4 +1,4 @@
-"""A student's Fresnel equations in numpy, which know nothing of lightdome, and the mistakes they can be told to make."""
+"""A student's Fresnel equations in numpy, which know nothing of lightdome, and mistakes to make on request."""
 
 from __future__ import annotations
 

@@ -18,6 +18,7 @@ from . import cli
 
 if TYPE_CHECKING:
     from ..evaluation.check_image import ImageCheck
+    from ..evaluation.check_tables import TableCheck
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,72 @@ def _line(label: str, text: str) -> str:
     return f"  {label:<14} {text}"
 
 
+def samples(args: Namespace) -> Found:
+    from ..evaluation.check_samples import check_samples, read_samples
+
+    return _of_table(check_samples(envmap=cli.load_map(args), **read_samples(args.file)))
+
+
+def pdf_arguments(parser: ArgumentParser) -> None:
+    cli.map_options(parser)
+    parser.add_argument(
+        "--per",
+        choices=["either", "steradian", "pixel"],
+        default="either",
+        help="what an image must hold: densities per steradian, probabilities of pixels, or one of them",
+    )
+
+
+def pdf(args: Namespace) -> Found:
+    from ..evaluation.check_pdf import check_pdf, read_pdf
+
+    values, direction = read_pdf(args.file)
+    return _of_table(check_pdf(cli.load_map(args), values, direction, args.per))
+
+
+def lights_arguments(parser: ArgumentParser) -> None:
+    cli.map_options(parser)
+    cli.device_option(parser)
+
+
+def lights(args: Namespace) -> Found:
+    from ..evaluation.check_lights import check_lights, read_lights
+
+    direction, flux = read_lights(args.file)
+    envmap = cli.load_map(args)
+    return _of_table(check_lights(cli.open_device(args), envmap, direction, flux))
+
+
+def fresnel_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument(
+        "--eta", type=cli.positive_float, default=1.4, metavar="N", help="refractive index of the material, in air"
+    )
+    parser.add_argument("--leaving", action="store_true", help="the light leaves the material, and does not enter it")
+
+
+def fresnel(args: Namespace) -> Found:
+    from ..evaluation.check_fresnel import check_fresnel, read_curves
+
+    theta, curves = read_curves(args.file)
+    return _of_table(check_fresnel(theta, *curves, eta=args.eta, leaving=args.leaving))
+
+
+def _of_table(check: TableCheck) -> Found:
+    rows = [("seen", check.cause.seen), ("where", check.cause.where)] if check.cause else []
+    rows += [("orientation", check.orientation)] if check.orientation else []
+    rows += [(name.replace("_", " "), _shown(value)) for name, value in check.details.items()]
+    width = max(len(name) for name, _ in rows)
+    return Found(check.agrees, [check.verdict, *(f"  {n:<{width}}  {v}" for n, v in rows)], check.to_dict())
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_shown(item)}" for name, item in value.items()) or "-"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return " ".join(map(_shown, value)) if hasattr(value, "__iter__") and not isinstance(value, str) else str(value)
+
+
 @dataclass(frozen=True)
 class Kind:
     """A kind of file: its purpose in a line, the arguments of an example, its options, and the check itself."""
@@ -106,6 +173,30 @@ KINDS = {
         "image sphere.pfm --map map.exr --samples 1024",
         image_arguments,
         image,
+    ),
+    "samples": Kind(
+        "samples of a map, as .npz or .csv: their directions, radiance, probabilities and pixels",
+        "samples samples_1024.npz --map map.exr",
+        cli.map_options,
+        samples,
+    ),
+    "pdf": Kind(
+        "probabilities or densities of a map's pixels, as an image, or densities by direction, as .npz or .csv",
+        "pdf pdf.pfm --map map.exr",
+        pdf_arguments,
+        pdf,
+    ),
+    "lights": Kind(
+        "directional lights that stand for a map, as .csv or .npz",
+        "lights lights.csv --map map.exr",
+        lights_arguments,
+        lights,
+    ),
+    "fresnel": Kind(
+        "reflectances of a dielectric by angle, as .csv or .npz",
+        "fresnel curve.csv --eta 1.4 --leaving",
+        fresnel_arguments,
+        fresnel,
     ),
 }
 

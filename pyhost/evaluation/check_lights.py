@@ -25,7 +25,7 @@ from ..sampling.distribution import build_distribution
 from .check_causes import Cause
 from .check_places import CAUSES_OF_PLACES, CHANGES, Turn, turns
 from .check_samples import UNIT
-from .check_tables import TableCheck, cause_named, colours_of, directions_of, read_table, unit
+from .check_tables import TableCheck, cause_named, colours_of, directions_of, read_table, unit, verdict_of
 from .metrics import relative_rmse
 
 NORMALS = 400
@@ -200,12 +200,11 @@ class _Lights:
                 "directions of no known lights", f"relative RMSE {turned:.1%}, a median cut leaves {self.cut_error:.1%}"
             )
         orientation = str(turn)
-        said = [f"{cause.name}: {cause.what}{f' ({more})' if more else ''}" for cause, more in causes]
-        if orientation and turn.preset is None:
-            said.append(orientation)
-        if said:
+        wrongly_turned = bool(orientation) and turn.preset is None
+        if causes or wrongly_turned:
             cause = causes[0][0] if causes else None
-            return TableCheck(False, "does not agree; " + "; ".join(said), cause, orientation, details)
+            verdict = verdict_of(causes, orientation if wrongly_turned else "")
+            return TableCheck(False, verdict, cause, orientation, details)
         verdict = f"agrees: relative RMSE of the irradiance {turned:.2%}, a median cut of so many leaves"
         verdict += f" {self.cut_error:.2%}, samples {self.sample_error:.2%}"
         return TableCheck(True, verdict + (f"; {orientation}" if orientation else ""), None, orientation, details)

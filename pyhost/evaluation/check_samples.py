@@ -45,6 +45,7 @@ from .check_tables import (
     directions_of,
     read_table,
     unit,
+    verdict_of,
 )
 
 LIMIT = 5.0  # standard deviations, from which on pixels are drawn wrongly
@@ -220,13 +221,11 @@ class Located:
             self._compare_probabilities()
             if drawn:
                 self._compare_drawing()
-        said = [f"{cause.name}: {cause.what}{f' ({more})' if more else ''}" for cause, more in self.found]
-        if wrongly_turned:
-            said.append(orientation)
-        if not said:
+        if not self.found and not wrongly_turned:
             return TableCheck(True, self._agreement(drawn, orientation), None, orientation, self.details)
         cause = self.found[0][0] if self.found else None
-        return TableCheck(False, "does not agree; " + "; ".join(said), cause, orientation, self.details)
+        verdict = verdict_of(self.found, orientation if wrongly_turned else "")
+        return TableCheck(False, verdict, cause, orientation, self.details)
 
     def _agreement(self, drawn: bool, orientation: str) -> str:
         what = [
