@@ -232,7 +232,7 @@ def _compare(curve: Curve, theta: np.ndarray, given: Curves) -> tuple[float, flo
     tolerances, errors = np.zeros(len(theta)), np.zeros(len(theta))
     for expected, low, high, values in zip(curve(theta), *around, given, strict=True):
         if values is not None:
-            if expected is None:
+            if expected is None or low is None or high is None:
                 return math.inf, math.inf, 0
             error = np.abs(values - expected)
             rise = np.abs(np.nan_to_num(high) - np.nan_to_num(low))
@@ -258,7 +258,7 @@ def _mistakes(a: float, b: float) -> Iterator[tuple[str, Curve, str]]:
     """The curves of known mistakes, the likelier ones first, and a remark on each."""
     exact, r0 = _exact(a, b), normal_reflectance(a, b)
 
-    def of(change: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray | None, ...]]) -> Curve:
+    def of(change: Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Curve:
         return lambda theta: Curves(*change(*exact(theta)[1:]))
 
     def raw(scale: float, combine: Callable[[np.ndarray, np.ndarray], Curves]) -> Curve:
@@ -302,22 +302,26 @@ def _mistakes(a: float, b: float) -> Iterator[tuple[str, Curve, str]]:
     yield "degrees used as radians", raw(180 / math.pi, squares), ""
     yield (
         "degrees used as radians",
-        raw(180 / math.pi, lambda p, s: Curves(*(np.nan_to_num(v, nan=1) for v in squares(p, s)))),
+        raw(180 / math.pi, lambda p, s: _filled((p**2 + s**2) / 2, p**2, s**2, nan=1)),
         "",
     )
     yield "radians converted twice", raw(math.pi / 180, squares), ""
 
 
+def _filled(*values: np.ndarray, nan: float) -> Curves:
+    return Curves(*(np.nan_to_num(v, nan=nan) for v in values))
+
+
 def _averaged(combine: Callable[[np.ndarray, np.ndarray], np.ndarray], missing: float) -> Callable[..., Curves]:
     def curves(p: np.ndarray, s: np.ndarray) -> Curves:
-        return Curves(*(np.nan_to_num(v, nan=missing) for v in (combine(p, s), p**2, s**2)))
+        return _filled(combine(p, s), p**2, s**2, nan=missing)
 
     return curves
 
 
 def _unsquared(sign: Callable[[np.ndarray], np.ndarray], missing: float) -> Callable[..., Curves]:
     def curves(p: np.ndarray, s: np.ndarray) -> Curves:
-        return Curves(*(np.nan_to_num(v, nan=missing) for v in (sign(p + s) / 2, sign(p), sign(s))))
+        return _filled(sign(p + s) / 2, sign(p), sign(s), nan=missing)
 
     return curves
 
