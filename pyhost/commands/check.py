@@ -94,7 +94,7 @@ def _line(label: str, text: str) -> str:
 def samples(args: Namespace) -> Found:
     from ..evaluation.check_samples import check_samples, read_samples
 
-    return _of_table(check_samples(envmap=cli.load_map(args), **read_samples(args.file)))
+    return _of_table(check_samples(cli.load_map(args), *read_samples(args.file)))
 
 
 def pdf_arguments(parser: ArgumentParser) -> None:
@@ -139,6 +139,31 @@ def fresnel(args: Namespace) -> Found:
 
     theta, curves = read_curves(args.file)
     return _of_table(check_fresnel(theta, *curves, eta=args.eta, leaving=args.leaving))
+
+
+def folder_arguments(parser: ArgumentParser) -> None:
+    cli.map_options(parser)
+    fresnel_arguments(parser)
+    cli.device_option(parser)
+
+
+def folder(args: Namespace) -> Found:
+    from ..evaluation.check_folder import COLUMNS, FolderCheck, page
+    from ..files import write_table
+
+    if args.out is None:
+        raise LightdomeError("a folder's page needs a place: give --out DIR")
+    envmap = cli.load_map(args)
+    rows = FolderCheck(cli.open_device(args), envmap, args.eta, args.leaving).rows(args.file)
+    name = args.file.resolve().name
+    write_table(args.out / f"{name}_check.csv", COLUMNS, (row.values for row in rows))
+    with replacing(args.out / f"{name}_check.html") as path:
+        path.write_text(page(rows, f"{name}: {len(rows)} files"), encoding="utf-8", errors="backslashreplace")
+    agrees = [row.agrees for row in rows]
+    found = False if False in agrees else None if None in agrees else True
+    width = max(len(row.file) for row in rows)
+    lines = [f"{agrees.count(True)} of {len(rows)} files agree", *(f"  {r.file:<{width}}  {r.verdict}" for r in rows)]
+    return Found(found, lines, {"agrees": found, "files": [dict(zip(COLUMNS, r.values, strict=True)) for r in rows]})
 
 
 def _of_table(check: TableCheck) -> Found:
@@ -198,6 +223,12 @@ KINDS = {
         fresnel_arguments,
         fresnel,
     ),
+    "folder": Kind(
+        "a folder of such files, a class's hand-ins, as a table and a page with pictures",
+        "folder hand-ins --map map.exr --out out",
+        folder_arguments,
+        folder,
+    ),
 }
 
 
@@ -216,7 +247,8 @@ def main() -> None:
             epilog=f"example: {cli.program()} {kind.example}",
             formatter_class=parser.formatter_class,
         )
-        of_kind.add_argument("file", type=Path, metavar="FILE", help=kind.purpose)
+        metavar = "DIR" if name == "folder" else "FILE"
+        of_kind.add_argument("file", type=Path, metavar=metavar, help=kind.purpose)
         kind.arguments(of_kind)
         of_kind.add_argument(
             "--out", type=Path, metavar="DIR", help="folder to write NAME_check.json, and a picture if there is one"
@@ -233,7 +265,7 @@ def main() -> None:
         sys.exit(2)
     text = json.dumps({"file": str(args.file), **found.values}, indent=2, allow_nan=False)
     if args.out:
-        with replacing(args.out / f"{args.file.stem}_check.json") as path:
+        with replacing(args.out / f"{args.file.resolve().stem}_check.json") as path:
             path.write_text(text + "\n", encoding="utf-8")
     print(text if args.json else "\n".join(found.lines))
     sys.exit({True: 0, False: 1, None: 2}[found.agrees])

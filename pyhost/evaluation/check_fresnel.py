@@ -104,7 +104,7 @@ CAUSES_OF_CURVES = (
         "where eta is set",
     ),
 )
-ANGLES = ("angle", "theta", "incidence", "deg", "rad")
+ANGLES = ("angle", "theta", "incidence", "deg", "radians")
 BOTH = ("reflectance", "unpolarised", "unpolarized", "r", "fresnel", "average", "mean", "f", "reflectance_unpolarised")
 PARALLEL = ("p", "rp", "r_p", "reflectance_p", "parallel", "r_parallel", "rpar", "reflectance_parallel")
 ACROSS = ("s", "rs", "r_s", "reflectance_s", "perpendicular", "r_perpendicular", "rperp", "reflectance_perpendicular")

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -119,19 +120,29 @@ CAUSES_OF_SAMPLES = (
 )
 
 
-def read_samples(path: str | Path) -> dict[str, np.ndarray | None]:
-    """The arguments of :func:`check_samples` from a CSV or NPZ file; see :mod:`lightdome.evaluation.check_tables`.
+class SampleArrays(NamedTuple):
+    """The arguments of :func:`check_samples` after the map."""
+
+    direction: np.ndarray
+    radiance: np.ndarray | None
+    probability: np.ndarray | None
+    pixel: np.ndarray | None
+    pdf: np.ndarray | None
+
+
+def read_samples(path: str | Path) -> SampleArrays:
+    """What a CSV or NPZ file holds of samples; see :mod:`lightdome.evaluation.check_tables`.
 
     Raises :class:`LightdomeError` for a file that cannot be read, or has no directions.
     """
     table = read_table(path)
-    return {
-        "direction": directions_of(table, path),
-        "radiance": colours_of(table),
-        "probability": column(table, "probability", "prob", "p"),
-        "pixel": columns(table, ("pixel", "pixels", "xy"), PIXELS),
-        "pdf": column(table, "pdf", "density"),
-    }
+    return SampleArrays(
+        directions_of(table, path),
+        colours_of(table),
+        column(table, "probability", "prob", "p"),
+        columns(table, ("pixel", "pixels", "xy"), PIXELS),
+        column(table, "pdf", "density"),
+    )
 
 
 def check_samples(

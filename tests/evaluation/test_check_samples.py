@@ -167,7 +167,7 @@ def test_tables_are_read_by_their_names(tmp_path: Path, suffix: str) -> None:
         np.savetxt(path, np.hstack(arrays), delimiter=",", header=names, comments="")
     found = read_samples(path)
     for name, values in drawn.items():
-        np.testing.assert_allclose(found[name], values, rtol=1e-15)
+        np.testing.assert_allclose(getattr(found, name), values, rtol=1e-15)
 
 
 @pytest.mark.parametrize(
