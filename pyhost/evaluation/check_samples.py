@@ -214,7 +214,8 @@ class Located:
         return Fit(likeliest(luminance(self.map), self.direction), fitting=1.0)
 
     def _add(self, name: str, more: str = "") -> None:
-        self.found.append((cause_named(name, CAUSES_OF_SAMPLES), more))
+        if all(cause.name != name for cause, _ in self.found):  # probabilities and densities may have the same mistake
+            self.found.append((cause_named(name, CAUSES_OF_SAMPLES), more))
 
     def result(self, drawn: bool) -> TableCheck:
         """The verdict; ``drawn`` says that the directions were drawn in proportion to the light."""
