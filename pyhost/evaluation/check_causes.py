@@ -37,7 +37,8 @@ class Cause:
     placed: Placed | None = None
     surface: Callable[[Irradiance, np.ndarray], np.ndarray] | None = None
     picture: Callable[[np.ndarray], np.ndarray] | None = None
-    exposed: bool = True  # its absolute brightness tells it apart; otherwise its shape alone does
+    factors: tuple[int, ...] = (0, 1)  # 0: its own brightness tells it apart; 1: with any other its shape does
+    about: bool = False  # its brightness is known roughly, as the spread of its samples is large
     by_pixels: bool = False  # it depends on single pixels, so that a smaller map does not show it
 
 
@@ -129,7 +130,7 @@ CAUSES = (
         "too much light from the poles of the map, straight up and straight down",
         "where the luminance is multiplied for the CDFs, and where p(x, y) is divided by the solid angle",
         lambda L: drawn_with(luminance(L), L),
-        exposed=False,
+        factors=(1,),
     ),
     Cause(
         "p of a pixel used as a density",
@@ -137,6 +138,8 @@ CAUSES = (
         "thousands of times too bright, and too much light from straight up and straight down",
         "where a sample's term is divided by its density",
         lambda L: L / pixel_areas(L)[..., None],
+        factors=(1,),
+        about=True,
     ),
     Cause(
         "sin(theta) twice",
@@ -144,7 +147,7 @@ CAUSES = (
         "too little light from above and from below",
         "where the luminance is multiplied for the CDFs, and again in the sum over samples",
         lambda L: drawn_with(luminance(L) * _sine(L) ** 2, L),
-        exposed=False,
+        factors=(1,),
     ),
     Cause(
         "theta over half its range",
@@ -225,7 +228,7 @@ CAUSES = (
         "coloured lamps are too bright or too dark",
         "one definition of luminance must serve both the CDFs and the term",
         _rec709,
-        exposed=False,
+        factors=(1,),
     ),
     Cause(
         "map clipped to 1",
@@ -254,7 +257,7 @@ CAUSES = (
         "lamps are far too strong beside the rest",
         "where the map is read: radiance is linear",
         lambda L: L**2.2,
-        exposed=False,
+        factors=(1,),
     ),
     Cause(
         "channels swapped",

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -28,13 +28,14 @@ from ..progress import Progress
 from .check_causes import CAUSES, Cause, Irradiance
 from .check_disc import find_disc, seen_in
 from .check_files import GAMMA
-from .check_statistics import SETS, Expected, Sampling, Spread, moments, noise_of, normals, zernike
-from .check_turn import Orientation, find_orientation
+from .check_statistics import Expected, Sampling, Spread, moments, noise_of, normals, zernike
+from .check_turn import Orientation, find_orientation, table_of
 from .metrics import relative_rmse
 
 GRID = 63  # pixels across the disc, of images that hypotheses expect
 MAP_ROWS = 512  # of the map from which those are made
 LIMIT = 5.0  # standard deviations, from which on an image is biased
+EXPLAINED = 0.1  # share of the deviations that may be left: with a mistake, samples have another spread
 CLEAR = 1.0  # standard deviations, by which an explanation must be better than another
 CONVERGED = 0.005  # relative RMSE, up to which an image without a number of samples agrees
 PRECISION = 1e-3  # of a moment: what rounding, other integrals and other pixel filters may change
@@ -176,11 +177,15 @@ class _Hypothesis:
     cause: Cause | None = None
     orientation: Orientation | None = None
     factors: int = 0
+    is_named: bool = False  # the factor is one that people make
 
     @property
     def simplicity(self) -> float:
         """Standard deviations that a hypothesis must be better by than the simplest one."""
-        return 2.0 * self.factors**0.5 + 1.0 * (self.cause is not None) + 1.5 * (self.orientation is not None)
+        factors = 1.0 if self.is_named else 2.0 * self.factors**0.5
+        if self.cause is not None and self.cause.about:
+            factors = 0.0
+        return factors + 1.0 * (self.cause is not None) + 1.5 * (self.orientation is not None)
 
 
 class Reference:
@@ -253,6 +258,10 @@ class Reference:
     def seen(self) -> np.ndarray:
         """The disc's pixels lit by the blocks."""
         return self.light(self.grid)
+
+    @cached_property
+    def table(self) -> np.ndarray:
+        return table_of(self.light)
 
     @cached_property
     def causes(self) -> list[tuple[Cause, np.ndarray]]:
@@ -337,9 +346,13 @@ class _Check:
         self.shared = count is not None and not per_pixel
         self.moments = moments(self.basis, self.pixels)
         self.true_moments = moments(self.basis, self.truth)
-        self.noise = noise_of(self.basis, self.pixels - self.truth, side)
         self.of_samples = count if self.shared else None  # that its pixels share
         self.spread = self._spread()
+
+    @cached_property
+    def noise(self) -> np.ndarray:
+        """Covariance of the moments by noise of single pixels."""
+        return noise_of(self.basis, self.pixels - self.truth, len(self.image))
 
     def _spread(self, drawn: bool = True) -> Spread:
         """How the moments' size is spread over right images, by sets that are ``drawn`` where that is quick."""
@@ -348,7 +361,7 @@ class _Check:
             floor = self.precision**2 * float(self.true_moments @ self.true_moments)
             share = 1 - floor / np.linalg.eigvalsh(covariance)
             return Spread(max(1.0, float(share.sum())))
-        sets = sampling.draw(self.of_samples, SETS) @ sampling.moments
+        sets = sampling.sets(self.of_samples)
         return Spread.of(np.einsum("si,si->s", sets, np.linalg.solve(covariance, sets.T).T))
 
     def _covariance(self, expected: np.ndarray) -> np.ndarray:
@@ -389,7 +402,7 @@ class _Check:
         reference = self.reference
         scales = (0, 1, 3) if self.linear else (1,)
         result = [_Hypothesis(reference.right, factors=scale) for scale in scales if scale]
-        orientation = find_orientation(reference.light, self.normal, self.pixels)
+        orientation = find_orientation(reference.table, self.normal, self.pixels)
         if str(orientation):
             turned = reference.light(reference.grid @ orientation.matrix.T) - reference.seen
             result += [
@@ -398,12 +411,19 @@ class _Check:
         for cause, pixels in reference.causes:
             if cause.picture and not self.linear:
                 continue
-            result += [
-                _Hypothesis(pixels, cause=cause, factors=scale)
-                for scale in scales[:2]
-                if scale or (cause.exposed and self.linear)
-            ]
-        return result
+            result += [_Hypothesis(pixels, cause=cause, factors=n) for n in (cause.factors if self.linear else (1,))]
+        return [self._named(h) for h in result if self._is_as_bright(h)]
+
+    def _is_as_bright(self, hypothesis: _Hypothesis) -> bool:
+        """Whether the brightness is about what it is with the cause, where that is known roughly."""
+        about = self.linear and hypothesis.cause is not None and hypothesis.cause.about
+        return not about or 0.6 < self.factor(hypothesis)[0] < 1.6
+
+    def _named(self, hypothesis: _Hypothesis) -> _Hypothesis:
+        """The same, and whether people make its factor."""
+        if hypothesis.factors != 1 or hypothesis.cause or not self.linear:
+            return hypothesis
+        return replace(hypothesis, is_named=bool(self._reason(float(self.factor(hypothesis)[0]))))
 
     def result(self) -> ImageCheck:
         right = _Hypothesis(self.reference.right, factors=0 if self.linear else 1)
@@ -428,7 +448,8 @@ class _Check:
                 return told(
                     None,
                     f"cannot tell: relative RMSE {rmse:.2%}; if directions are drawn by the cosine, so few of them may"
-                    " miss lamps of this map altogether; give an image of more pixels, or of more samples per pixel",
+                    " miss lamps of this map altogether; give an image of more pixels, or of more samples per pixel"
+                    + (", and their number with --samples or --spp" if self.count is None else ""),
                     right,
                 )
         most = self._samples_that_agree(right) if self.count is None else 0
@@ -437,7 +458,7 @@ class _Check:
             self.spread = self._spread()
         tried = sorted(((self.off(h) + h.simplicity, h) for h in self.hypotheses()), key=lambda pair: pair[0])
         score, best = tried[0]
-        if score - best.simplicity < LIMIT:
+        if score - best.simplicity < max(LIMIT, EXPLAINED * off):
             name = self._explanation(best)
             rivals = {self._name(h): h for other, h in tried[1:] if other < score + CLEAR}
             rivals.pop(self._name(best), None)
@@ -473,11 +494,12 @@ class _Check:
         for c in range(3):
             drawn[:, c, :, c] = (basis * square[:, [c]]).T @ basis / (len(basis) * count)
         of_pixels = drawn.reshape(self.noise.shape)
+        noisy = float(np.trace(self.noise) / np.trace(of_pixels))
         difference = self.moments - self.expected_moments(right)
-        covariance = of_pixels + self._covariance(self.true_moments)
+        covariance = of_pixels * min(1.5 * noisy, 1) + self._covariance(self.true_moments)
         size = float(difference @ np.linalg.solve(covariance, difference))
         events = count * float((sampling.mean**2).mean() / square.mean())
-        return Spread(len(difference)).deviations(size), np.trace(self.noise) > 0.2 * np.trace(of_pixels), events
+        return Spread(len(difference)).deviations(size), noisy > 0.2, events
 
     def _agreement(self, rmse: float) -> str:
         if self.expected is None:
@@ -503,7 +525,7 @@ class _Check:
         if best.orientation:
             said.append(best.orientation.told())
         factor = self.factor(best)
-        if best.factors and self.linear and not (best.cause and not best.cause.exposed):
+        if best.factors and self.linear and not (best.cause and 0 not in best.cause.factors):
             said.append(self._brightness(factor) if best.factors == 1 else self._colours(factor))
         return "; ".join(said) or "the image is right but for its brightness"
 
@@ -512,12 +534,14 @@ class _Check:
 
     def _brightness(self, factors: np.ndarray) -> str:
         factor = float(factors[0])
+        return f"{factor:.4g} times too bright{self._reason(factor) or ', for no reason that is known here'}"
+
+    def _reason(self, factor: float) -> str:
+        """ ": " and what makes an image ``factor`` times too bright, else ""."""
         tolerance = 0.02 if not self.expected else max(0.02, 2 * self.expected.mean)
         close = [(abs(math.log(factor / value)), name) for value, name in self.reference.factors.items() if factor > 0]
         distance, name = min(close, default=(math.inf, ""))
-        if distance < tolerance:
-            return f"{factor:.4g} times too bright: {name}"
-        return f"{factor:.4g} times too bright, for no reason that is known here"
+        return f": {name}" if distance < tolerance else ""
 
     def _teller(self, off: float, rmse: float) -> Callable[[bool | None, str, _Hypothesis], ImageCheck]:
         """A function that makes the result of whether the image agrees, the verdict, and the best hypothesis."""

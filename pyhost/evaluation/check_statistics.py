@@ -92,6 +92,7 @@ class Sampling:
     """What one sample drawn as the light is does to the image of a map at ``normal`` (P, 3)."""
 
     def __init__(self, envmap: EnvironmentMap, albedo: float, normal: np.ndarray) -> None:
+        self._known: dict[int, tuple[np.ndarray, float, float]] = {}  # what was drawn, by count
         direction, colour, self.luminance, self.flux, self.probability = population(envmap)
         light = colour * (self.flux * albedo / math.pi)  # of a set of that sample alone
         self.cosine = np.maximum(0, normal @ direction.T)  # (P, S)
@@ -104,22 +105,27 @@ class Sampling:
         square = (self.mean**2).mean()
         self.variance = float(((self.cosine**2) @ (light**2 * p[:, None])).mean() / square - 1)  # relative
 
-    def draw(self, count: int, sets: int) -> np.ndarray:
-        """Shares (sets, S) of the samples in sets of ``count``."""
-        return np.random.default_rng(0).multinomial(count, self.probability, sets) / count
+    def sets(self, count: int) -> np.ndarray:
+        """Moments (400, 45), but for their mean, of sets of ``count`` samples."""
+        return self._drawn(count)[0]
 
     def expected(self, count: int, per_pixel: bool) -> Expected:
         """The relative RMSE that ``count`` samples leave."""
         mean = math.sqrt(self.variance / count)
         if per_pixel:  # many pixels, each with its own error: it hardly varies
             return Expected(count, True, mean, 0.9 * mean, 1.1 * mean)
-        few = slice(None, None, 7)
-        sets = self.draw(count, SETS // 2)
-        images = self.cosine[few] @ (sets.T[:, :, None] * self.light[:, None, :]).reshape(len(self.light), -1)
-        images = images.reshape(len(images), len(sets), 3)
-        errors = [relative_rmse(images[:, i], self.mean[few]) for i in range(len(sets))]
-        low, high = np.percentile(errors, [5, 95])
-        return Expected(count, False, mean, float(low), float(high))
+        return Expected(count, False, mean, *self._drawn(count)[1:])
+
+    def _drawn(self, count: int) -> tuple[np.ndarray, float, float]:
+        """:meth:`sets`, and the limits of nine of ten of the images' errors."""
+        if count not in self._known:
+            share = np.random.default_rng(0).multinomial(count, self.probability, SETS) / count
+            few = self.cosine[::21]
+            images = few @ (share.T[:, :, None] * self.light[:, None, :]).reshape(len(self.light), -1)
+            images = images.reshape(len(few), SETS, 3)
+            low, high = np.percentile([relative_rmse(images[:, i], self.mean[::21]) for i in range(SETS)], [5, 95])
+            self._known[count] = share @ self.moments, float(low), float(high)
+        return self._known[count]
 
     def square_by_cosine(self) -> np.ndarray:
         """Mean square (P, 3) of a sample whose direction is drawn by the cosine, albedo times the radiance there."""

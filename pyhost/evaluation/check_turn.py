@@ -55,33 +55,39 @@ class Orientation:
         return " and ".join(part for part in (self.turn, yaw) if part)
 
 
-def find_orientation(irradiance: Irradiance, normal: np.ndarray, pixels: np.ndarray) -> Orientation:
-    """That which makes the irradiance most like ``pixels`` (P, 3) at ``normal`` (P, 3), brightness apart."""
-    rows, columns = 90, 180
-    table = irradiance(directions(row_angles(rows)[:, None], column_angles(columns)[None]).reshape(-1, 3))
-    table = table.reshape(rows, columns, 3)
+ROWS, COLUMNS = 90, 180  # of a table of directions
 
-    def looked_up(vector: np.ndarray) -> np.ndarray:
-        y = np.arccos(np.clip(vector[:, 1], -1, 1)) / np.pi * rows - 0.5
-        x = np.arctan2(vector[:, 2], vector[:, 0]) / (2 * np.pi) * columns - 0.5
-        y0, x0 = np.floor(y).astype(int), np.floor(x).astype(int)
-        v, u = (y - y0)[:, None], (x - x0)[:, None]
-        upper, lower = np.clip(y0, 0, rows - 1), np.clip(y0 + 1, 0, rows - 1)
-        left, right = x0 % columns, (x0 + 1) % columns
-        above = table[upper, left] * (1 - u) + table[upper, right] * u
-        below = table[lower, left] * (1 - u) + table[lower, right] * u
-        return above * (1 - v) + below * v
 
-    few = slice(None, None, max(1, len(normal) // 400))
+def table_of(irradiance: Irradiance) -> np.ndarray:
+    """The irradiance in all directions, (90, 180, 3), as :func:`find_orientation` looks it up."""
+    towards = directions(row_angles(ROWS)[:, None], column_angles(COLUMNS)[None])
+    return irradiance(towards.reshape(-1, 3)).reshape(ROWS, COLUMNS, 3)
+
+
+def _looked_up(table: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    y = np.arccos(np.clip(vector[:, 1], -1, 1)) / np.pi * ROWS - 0.5
+    x = np.arctan2(vector[:, 2], vector[:, 0]) / (2 * np.pi) * COLUMNS - 0.5
+    y0, x0 = np.floor(y).astype(int), np.floor(x).astype(int)
+    v, u = (y - y0)[:, None], (x - x0)[:, None]
+    upper, lower = np.clip(y0, 0, ROWS - 1), np.clip(y0 + 1, 0, ROWS - 1)
+    left, right = x0 % COLUMNS, (x0 + 1) % COLUMNS
+    above = table[upper, left] * (1 - u) + table[upper, right] * u
+    below = table[lower, left] * (1 - u) + table[lower, right] * u
+    return above * (1 - v) + below * v
+
+
+def find_orientation(table: np.ndarray, normal: np.ndarray, pixels: np.ndarray) -> Orientation:
+    """That which makes the irradiance in ``table`` most like ``pixels`` (P, 3) at ``normal``, but for a factor."""
+    few = slice(None, None, max(1, len(normal) // 200))
     normal, pixels = normal[few], pixels[few]
     size = float((pixels**2).sum())
 
     def unlike(orientation: Orientation) -> float:
-        seen = looked_up(normal @ orientation.matrix.T)
+        seen = _looked_up(table, normal @ orientation.matrix.T)
         return size - float((seen * pixels).sum() ** 2 / max((seen**2).sum(), 1e-300))
 
-    best = min((Orientation(turn, yaw) for turn in TURNS for yaw in range(0, 360, 5)), key=unlike)
-    finer = [Orientation(best.turn, (best.yaw + step / 2) % 360) for step in range(-10, 11)]
+    best = min((Orientation(turn, yaw) for turn in TURNS for yaw in range(0, 360, 10)), key=unlike)
+    finer = [Orientation(best.turn, (best.yaw + step / 2) % 360) for step in range(-20, 21)]
     best = min([best, *finer], key=unlike)
     # Quarter turns are what people make; of several ways to say the same, that without a turn of the map.
     quarters = [Orientation(turn, yaw) for yaw in (0, 90, 180, 270) for turn in TURNS]
