@@ -152,7 +152,9 @@ class FolderCheck:
         height, width = picture.shape[:2]
         good = np.isfinite(direction).all(axis=1) & direction.any(axis=1)
         v, u = places(direction[good][:DOTS].astype(np.float64), height, width)
-        picture[np.minimum(v.astype(int), height - 1), np.minimum(u.astype(int), width - 1)] = 255
+        y, x = v.astype(int), u.astype(int)
+        for down, across in np.ndindex(2, 2):
+            picture[np.minimum(y + down, height - 1), (x + across) % width] = 255
         return "directions in the map", "image/png", png(picture)
 
     def _grey(self, values: np.ndarray) -> tuple[str, str, bytes]:
@@ -231,14 +233,15 @@ STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 76rem; padding: 0 1rem; color: #222; }
 table { border-collapse: collapse; width: 100%; }
 th, td { text-align: left; vertical-align: top; padding: .6rem .8rem; border-bottom: 1px solid #ddd; }
-td.file { overflow-wrap: anywhere; max-width: 16rem; }
+td.file { overflow-wrap: anywhere; min-width: 11rem; }
+td:last-child { white-space: nowrap; }
 .yes, .no, .cannot { border-radius: .3rem; padding: .1rem .5rem; white-space: nowrap; font-weight: 600; }
 .yes { background: #d7f0df; color: #14532d; }
 .no { background: #fbdcd3; color: #7c2d12; }
 .cannot { background: #eee; color: #444; }
 figure { display: inline-block; margin: 0 .6rem 0 0; }
 figcaption, .where { color: #555; font-size: 13px; }
-img { display: block; background: #000; }
+img { display: block; max-width: 8rem; }
 """
 
 

@@ -110,7 +110,7 @@ def _image(radiance: np.ndarray, image: np.ndarray, per: str) -> TableCheck:
     p = right(radiance)
     p /= p.sum()
     area = solid_angles(*p.shape)[:, None]
-    best: tuple[tuple[bool, bool, float], str, str, str, float] | None = None
+    best: tuple[tuple[bool, bool, float], float, str, str, str, float] | None = None
 
     def consider(values: np.ndarray, q: np.ndarray, name: str, orientation: str) -> bool:
         """Whether it fits; one whose sum is 1 is better than one whose sum is not."""
@@ -119,7 +119,7 @@ def _image(radiance: np.ndarray, image: np.ndarray, per: str) -> TableCheck:
             unlike, total = _unlike(probabilities, q), float(probabilities.sum())
             rank = unlike >= CLOSE, abs(total - 1) >= CLOSE, max(unlike, 1e-5)
             if best is None or rank < best[0]:
-                best = rank, name, orientation, unit, total
+                best = rank, unlike, name, orientation, unit, total
         assert best is not None
         return not (best[0][0] or best[0][1])
 
@@ -131,7 +131,7 @@ def _image(radiance: np.ndarray, image: np.ndarray, per: str) -> TableCheck:
             if image.shape == p.shape and consider(image, q, name, ""):
                 break
     assert best is not None
-    (_, _, unlike), name, orientation, unit, total = best
+    _, unlike, name, orientation, unit, total = best
     details: dict[str, object] = {"total_variation_distance": unlike, "values_per": unit, "sum": total}
     if unlike >= CLOSE:
         return TableCheck(False, "does not agree; it is the density of no law that is known here", None, "", details)

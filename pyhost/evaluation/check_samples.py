@@ -227,7 +227,8 @@ class Located:
             self._add(self.geometry.name)
         self._compare_radiance()
         self.details["within"] = self.geometry.name or ("centre" if self.at_centres else "pixel")
-        self._compare_pixels()
+        if not wrongly_turned:  # or the pixels are those of another map
+            self._compare_pixels()
         mistaken = any(cause.name == "values of other pixels" for cause, _ in self.found)
         if not mistaken:
             self._compare_probabilities()
