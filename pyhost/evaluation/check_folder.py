@@ -116,8 +116,9 @@ class FolderCheck:
             direction, flux = read_lights(path)
             check = check_lights(self.device, self.envmap, direction, flux)
             return _of_table(name, "lights", check, [self._dots(direction)])
-        samples = read_samples(path)
-        return _of_table(name, "samples", check_samples(self.envmap, *samples), [self._dots(samples.direction)])
+        direction, *others = read_samples(path)
+        check = check_samples(self.envmap, direction, *others)
+        return _of_table(name, "samples", check, [self._dots(direction)])
 
     def _image(self, path: Path, name: str) -> Row:
         pixels, linear = read_rendered(path)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -110,23 +109,19 @@ PARALLEL = ("p", "rp", "r_p", "reflectance_p", "parallel", "r_parallel", "rpar",
 ACROSS = ("s", "rs", "r_s", "reflectance_s", "perpendicular", "r_perpendicular", "rperp", "reflectance_perpendicular")
 
 
-class Curves(NamedTuple):
-    """Reflectances by angle: of unpolarised light, and of both polarisations; each may be None."""
-
-    both: np.ndarray | None
-    p: np.ndarray | None
-    s: np.ndarray | None
+# Reflectances by angle: of unpolarised light, of p and of s; each may be missing.
+Curves = tuple[np.ndarray | None, np.ndarray | None, np.ndarray | None]
 
 
 def read_curves(path: str | Path) -> tuple[np.ndarray, Curves]:
-    """Angles in radians and :class:`Curves` of a CSV or NPZ file; see :mod:`lightdome.evaluation.check_tables`.
+    """Angles in radians, and reflectances of unpolarised light, of p and of s, of a CSV or NPZ file; see :mod:`lightdome.evaluation.check_tables`.
 
     An angle is in degrees or radians as its column's name says; without a word, values above pi / 2 are degrees.
     Raises :class:`LightdomeError` for a file that cannot be read, or lacks angles or reflectances.
     """
     table = read_table(path)
     name = next((name for start in ANGLES for name in table if name.startswith(start)), None)
-    curves = Curves(column(table, *BOTH), column(table, *PARALLEL), column(table, *ACROSS))
+    curves = column(table, *BOTH), column(table, *PARALLEL), column(table, *ACROSS)
     if name is None or all(values is None for values in curves):
         raise LightdomeError(
             f"{path}: it needs a column angle_degrees or angle_radians, and reflectance, or p and s; it has"
@@ -158,12 +153,7 @@ def check_fresnel(
     """
     theta = checks.array("theta", theta, ("N",), np.float64)
     eta, leaving = checks.positive("the refractive index", eta), checks.flag("leaving", leaving)
-    given = Curves(
-        *(
-            None if values is None else checks.array(name, values, (len(theta),), np.float64)
-            for name, values in (("reflectance", reflectance), ("p", p), ("s", s))
-        )
-    )
+    given = _map(lambda values: checks.array("a reflectance", values, (len(theta),), np.float64), (reflectance, p, s))
     if all(values is None for values in given) or len(theta) == 0:
         raise LightdomeError("there must be reflectances to check: of unpolarised light, or of p and s")
     if eta == 1:
@@ -208,12 +198,17 @@ def _told(name: str, more: str, details: dict[str, object]) -> TableCheck:
 Curve = Callable[[np.ndarray], Curves]
 
 
+def _map(change: Callable[[np.ndarray], np.ndarray], curves: Sequence[np.ndarray | None]) -> Curves:
+    both, p, s = (None if values is None else change(values) for values in curves)
+    return both, p, s
+
+
 def _exact(a: float, b: float) -> Curve:
     """The curves of light that goes from index ``a`` to ``b``."""
 
     def curve(theta: np.ndarray) -> Curves:
         p, s = fresnel(theta, a, b)
-        return Curves((p + s) / 2, p, s)
+        return (p + s) / 2, p, s
 
     return curve
 
@@ -248,7 +243,7 @@ def _ends(right: Curve, theta: np.ndarray, given: Curves, below: np.ndarray) -> 
     """Whether the curve is right up to the critical angle, and missing or 0 beyond it."""
 
     def part(rows: np.ndarray) -> Curves:
-        return Curves(*(None if values is None else values[rows] for values in given))
+        return _map(lambda values: values[rows], given)
 
     lost = all((np.isnan(v) | (v == 0)).all() for v in part(~below) if v is not None)
     return lost and _compare(right, theta[below], part(below))[0] < 1
@@ -259,16 +254,16 @@ def _mistakes(a: float, b: float) -> Iterator[tuple[str, Curve, str]]:
     exact, r0 = _exact(a, b), normal_reflectance(a, b)
 
     def of(change: Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Curve:
-        return lambda theta: Curves(*change(*exact(theta)[1:]))
+        return lambda theta: change(*exact(theta)[1:])
 
     def raw(scale: float, combine: Callable[[np.ndarray, np.ndarray], Curves]) -> Curve:
         return lambda theta: combine(*_amplitudes(theta * scale, a, b))
 
     def squares(p: np.ndarray, s: np.ndarray) -> Curves:
-        return Curves((p**2 + s**2) / 2, p**2, s**2)
+        return (p**2 + s**2) / 2, p**2, s**2
 
     def schlick_of(angle: Callable[[np.ndarray], np.ndarray]) -> Curve:
-        return lambda theta: Curves(*[schlick(angle(theta), r0)] * 3)
+        return lambda theta: (schlick(angle(theta), r0),) * 3
 
     def outside(theta: np.ndarray) -> np.ndarray:
         return np.arcsin(np.minimum(1, a / b * np.sin(theta)))
@@ -308,8 +303,8 @@ def _mistakes(a: float, b: float) -> Iterator[tuple[str, Curve, str]]:
     yield "radians converted twice", raw(math.pi / 180, squares), ""
 
 
-def _filled(*values: np.ndarray, nan: float) -> Curves:
-    return Curves(*(np.nan_to_num(v, nan=nan) for v in values))
+def _filled(*curves: np.ndarray, nan: float) -> Curves:
+    return _map(lambda values: np.nan_to_num(values, nan=nan), curves)
 
 
 def _averaged(combine: Callable[[np.ndarray, np.ndarray], np.ndarray], missing: float) -> Callable[..., Curves]:

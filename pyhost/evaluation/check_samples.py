@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -120,23 +119,16 @@ CAUSES_OF_SAMPLES = (
 )
 
 
-class SampleArrays(NamedTuple):
-    """The arguments of :func:`check_samples` after the map."""
+def read_samples(
+    path: str | Path,
+) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None, np.ndarray | None, np.ndarray | None]:
+    """The arguments of :func:`check_samples` after the map, from a CSV or NPZ file.
 
-    direction: np.ndarray
-    radiance: np.ndarray | None
-    probability: np.ndarray | None
-    pixel: np.ndarray | None
-    pdf: np.ndarray | None
-
-
-def read_samples(path: str | Path) -> SampleArrays:
-    """What a CSV or NPZ file holds of samples; see :mod:`lightdome.evaluation.check_tables`.
-
-    Raises :class:`LightdomeError` for a file that cannot be read, or has no directions.
+    See :mod:`lightdome.evaluation.check_tables`. Raises :class:`LightdomeError` for a file that cannot be read, or has
+    no directions.
     """
     table = read_table(path)
-    return SampleArrays(
+    return (
         directions_of(table, path),
         colours_of(table),
         column(table, "probability", "prob", "p"),

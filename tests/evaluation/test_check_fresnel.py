@@ -83,10 +83,10 @@ def test_angles_are_in_the_unit_that_the_column_says(tmp_path: Path, header: str
     path = tmp_path / "curve.csv"
     delimiter = ";" if ";" in header else ","
     path.write_text(f"{header}\n" + delimiter.join(map(str, (angle, 0.25, 0.5))) + "\n")
-    theta, found = read_curves(path)
+    theta, (both, p, s) = read_curves(path)
     np.testing.assert_allclose(theta, [math.pi / 4])
-    assert found.both is None
-    assert (found.p, found.s) == ([0.25], [0.5])
+    assert both is None
+    assert (p, s) == ([0.25], [0.5])
 
 
 def test_what_cannot_be_checked_is_refused(tmp_path: Path) -> None:

@@ -165,9 +165,8 @@ def test_tables_are_read_by_their_names(tmp_path: Path, suffix: str) -> None:
         names = "x,y,z,red,green,blue,probability,pixel_x,pixel_y,pdf"
         arrays = [drawn[k].reshape(64, -1) for k in ("direction", "radiance", "probability", "pixel", "pdf")]
         np.savetxt(path, np.hstack(arrays), delimiter=",", header=names, comments="")
-    found = read_samples(path)
-    for name, values in drawn.items():
-        np.testing.assert_allclose(getattr(found, name), values, rtol=1e-15)
+    for name, found in zip(("direction", "radiance", "probability", "pixel", "pdf"), read_samples(path), strict=True):
+        np.testing.assert_allclose(found, drawn[name], rtol=1e-15)
 
 
 @pytest.mark.parametrize(
