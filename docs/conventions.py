@@ -62,7 +62,7 @@ def conventions() -> Figure:
 @plain()
 def rotations() -> Figure:
     """The labelled map, and after 30 degrees about each axis."""
-    figure = Figure(figsize=(9.6, 4), layout="constrained")
+    figure = Figure(figsize=(7, 4), layout="constrained")
     turns = {
         "as it is": (0,),
         "yaw 30: about +y": (30,),

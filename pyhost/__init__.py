@@ -3,7 +3,7 @@
     import lightdome
 
     device = lightdome.open_device()
-    envmap = lightdome.EnvironmentMap.read("map.exr")
+    envmap = lightdome.EnvironmentMap.read(lightdome.default_map())  # or a file of yours
     distribution = lightdome.build_distribution(device, envmap)
     samples = distribution.sample(1024, seed=1)
     image = lightdome.shade_samples(device, samples, resolution=511)
@@ -61,8 +61,10 @@ if TYPE_CHECKING:
     from .lighting.lights import Lights
     from .lighting.median_cut import median_cut
     from .lighting.shade import shade, shade_samples
+    from .maps.default_map import default_map
     from .maps.envmap import EnvironmentMap
     from .maps.images import ImageRows, auto_exposure, read_image, tone_map, write_image
+    from .maps.pictures import show
     from .opencl.device import Device, open_device
     from .sampling.distribution import Distribution, build_distribution
     from .sampling.samples import Samples
@@ -75,6 +77,7 @@ _HOME = {
     "Distribution": "sampling.distribution",
     "build_distribution": "sampling.distribution",
     "EnvironmentMap": "maps.envmap",
+    "default_map": "maps.default_map",
     "LightdomeError": "errors",
     "check_fresnel": "evaluation.check_fresnel",
     "check_image": "evaluation.check_image",
@@ -89,6 +92,7 @@ _HOME = {
     "read_image": "maps.images",
     "tone_map": "maps.images",
     "write_image": "maps.images",
+    "show": "maps.pictures",
     "Lights": "lighting.lights",
     "write_csv": "lighting.light_files",
     "write_lights": "lighting.light_files",
@@ -118,6 +122,7 @@ __all__ = [
     "check_lights",
     "check_pdf",
     "check_samples",
+    "default_map",
     "exact",
     "median_cut",
     "open_device",
@@ -127,6 +132,7 @@ __all__ = [
     "shade",
     "shade_harmonics",
     "shade_samples",
+    "show",
     "tone_map",
     "write_csv",
     "write_image",
@@ -152,4 +158,5 @@ if not TYPE_CHECKING:  # or a type checker would take it for the type of every n
 def __dir__() -> list[str]:
     from pkgutil import iter_modules
 
-    return sorted({*__all__, *(module.name for module in iter_modules(__path__))})
+    names = (module.name for module in iter_modules(__path__))
+    return sorted({*__all__, *(name for name in names if not name.startswith("_"))})

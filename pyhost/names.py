@@ -6,8 +6,20 @@ from dataclasses import dataclass
 from typing import Literal
 
 SEQUENCES = ("independent", "stratified", "sobol", "r2")  # points of samples that all pixels share
-WITHIN = ("centre", "pixel")  # where in its pixel the direction of a sample that all pixels share lies
+WITHIN = ("centre", "pixel")  # where in its pixel the direction of a sample lies
+PIXELS = ("centres", "areas")  # what exact images take the map's pixels for
 PIXEL_SEQUENCES = ("independent", "sobol")  # points of samples for every pixel
+PROJECTIONS = (
+    "latlong",
+    "angular",
+    "mirror",
+    "cube-cross",
+    "cube-cross-horizontal",
+    "cube-strip",
+    "cube-strip-horizontal",
+    "cube-openexr",
+    "octahedral",
+)  # of maps, see lightdome.maps.projections
 CONVENTIONS = ("lightdome", "pbrt", "mitsuba", "cycles", "gltf", "skylibs")  # of maps: lightdome.maps.conventions
 
 LIGHT_METHODS = ("median-cut", "sun+median-cut", *SEQUENCES)  # how a map becomes a few lights
@@ -37,6 +49,8 @@ COMMANDS = {
     "sample": Command("part2_sample", "draw light samples from a map, and show where they fall"),
     "shade": Command("part3_shade", "shade a sphere with samples that all pixels share"),
     "render": Command("part4_pbrt", "render the sphere with fresh samples for every pixel"),
+    "convert": Command("convert", "write a map in another projection"),
+    "exact": Command("exact", "sum the sphere's image over every pixel of a map: what estimators converge to"),
     "lights": Command("lights", "turn a map into a few lights, as a file for another program"),
     "fresnel": Command("part1_fresnel", "plot the Fresnel reflectance of a dielectric"),
     "check": Command("check", "say whether another program's image is right, and if not, what is wrong"),
@@ -51,7 +65,8 @@ COMMANDS = {
 class Estimator:
     """What is known of an estimator with fresh samples for every pixel."""
 
-    pixels: Literal["centres", "areas"]  # what it takes the map's pixels for, and so which exact image it converges to
+    pixels: Literal["centres", "areas"]  # what it takes the map's pixels for, and so which exact image it converges to;
+    # one for `centres` has a kernel rendering/render_NAME_areas.cl too, for directions anywhere within a pixel
     operations: int  # of one sample with a Sobol point, as lightdome.evaluation.roofline_stages counts them
 
 

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.slow
 MODULES = sorted(
     path.stem
     for path in (ROOT / "pyhost").iterdir()
-    if path.stem != "__init__" and (path.suffix == ".py" or (path / "__init__.py").exists())
+    if not path.stem.startswith("_") and (path.suffix == ".py" or (path / "__init__.py").exists())
 )
 
 

@@ -9,15 +9,14 @@
 //
 // arcs        from arc_sums.cl, for rows first .. first + rows - 1
 // half_arc    resolution x height: the half angle in columns, 0 where the row is dark, half the width where all is lit
-// tiles       (x, y) of each group of PIXELS pixels that meets the disc
-// sum         2 x resolution x resolution x 3: high words, then low words of the rows so far; this adds its rows
 //
-// Source of n . M: Arvo, The Irradiance Jacobian (1994). One work-item a tile.
+// Other arguments: sphere.clh. Source of n . M: Arvo, The Irradiance Jacobian (1994). One work-item a tile.
 
 #include "common/image_sum.clh"
 #include "common/angle.clh"
 #include "common/normal.clh"
 #include "lighting/arc.clh"
+#include "lighting/sphere.clh"
 
 kernel void exact(global const arc *restrict arcs,
                   global const float *restrict half_arc,
@@ -31,15 +30,14 @@ kernel void exact(global const arc *restrict arcs,
 {
     const uint2 tile = tiles[get_global_id(0)];
     const size_t half_width = (width + 1) / 2, stride = half_width + width + 1;
-    float centre[PIXELS];  // the normals' azimuths in columns
-    for (int k = 0; k < PIXELS; ++k) {
-        const float3 n = pixel_normal(tile.x + k, tile.y, resolution);
-        centre[k] = turns(n.z, n.x) * width - 0.5f;
-    }
+    wide n_x, n_z;
+    float n_y;
+    tile_normals(tile, 0, resolution, &n_x, &n_y, &n_z);
+    const wide centre = turns(n_z, n_x) * (float)width - 0.5f;  // the normals' azimuths in columns
 
     half_arc += (size_t)tile.y * height + first;
-    arc matrix[PIXELS];
-    for (int k = 0; k < PIXELS; ++k)
+    arc matrix[WIDTH];
+    for (int k = 0; k < WIDTH; ++k)
         matrix[k] = 0.0f;
     arc whole = 0.0f;
     for (uint r = 0; r < rows; ++r) {
@@ -48,20 +46,18 @@ kernel void exact(global const arc *restrict arcs,
         if (h <= 0.0f)
             continue;
         if (h >= 0.5f * width) {
-            whole += row[2 * width] - row[0] + (row[2 * width + 1] - row[1]);
+            whole += arc_between(row, 0, width);
             continue;
         }
-        int begin[PIXELS], end[PIXELS];
-        for (int k = 0; k < PIXELS; ++k) {
-            begin[k] = 2 * (int)ceil(centre[k] - h);
-            end[k] = 2 * (int)floor(centre[k] + h) + 2;
-        }
+        int begin[WIDTH], end[WIDTH];
+        STORE_WIDE(to_wide_int(ceil(centre - h)), begin);
+        STORE_WIDE(to_wide_int(floor(centre + h)) + 1, end);
 #pragma unroll
-        for (int k = 0; k < PIXELS; ++k)
-            matrix[k] += row[end[k]] - row[begin[k]] + (row[end[k] + 1] - row[begin[k] + 1]);
+        for (int k = 0; k < WIDTH; ++k)
+            matrix[k] += arc_between(row, begin[k], end[k]);
     }
 
-    for (int k = 0; k < PIXELS; ++k) {
+    for (int k = 0; k < WIDTH; ++k) {
         const uint x = tile.x + k;
         const float3 n = pixel_normal(x, tile.y, resolution);
         if (x >= resolution || n.z <= 0.0f)

@@ -18,13 +18,12 @@
 // start        resolution x rows: the first of m + 1 polynomials
 // polynomials  8 floats each: m for the pieces, one for a column before h_0; 7 coefficients from the constant up, and 1 /
 //              the length of the piece in columns. They are in t from 0, the piece's dark end, to 1
-// tiles        (x, y) of each group of PIXELS pixels that meets the disc
-// sum          2 x resolution x resolution x 3: high words, then low words of the rows so far; this adds its rows
 //
-// Source of n . M: Arvo, The Irradiance Jacobian (1994). One work-item a tile.
+// Other arguments: sphere.clh. Source of n . M: Arvo, The Irradiance Jacobian (1994). One work-item a tile.
 
 #include "common/image_sum.clh"
 #include "common/angle.clh"
+#include "common/fma.clh"
 #include "common/normal.clh"
 #include "lighting/arc.clh"
 #include "lighting/sphere.clh"
@@ -46,25 +45,25 @@ static inline colour radiance_at(global const float *row, size_t x)
 }
 
 // A polynomial at the distance x from the dark end of its piece.
-static inline pixels polynomial(float8 c, pixels x)
+static inline wide polynomial(float8 c, wide x)
 {
-    const pixels t = clamp(x * c.s7, 0.0f, 1.0f);
-    pixels sum = FMA(t, (pixels)(c.s6), (pixels)(c.s5));
-    sum = FMA(t, sum, (pixels)(c.s4));
-    sum = FMA(t, sum, (pixels)(c.s3));
-    sum = FMA(t, sum, (pixels)(c.s2));
-    sum = FMA(t, sum, (pixels)(c.s1));
-    return FMA(t, sum, (pixels)(c.s0));
+    const wide t = clamp(x * c.s7, 0.0f, 1.0f);
+    wide sum = FMA(t, (wide)(c.s6), (wide)(c.s5));
+    sum = FMA(t, sum, (wide)(c.s4));
+    sum = FMA(t, sum, (wide)(c.s3));
+    sum = FMA(t, sum, (wide)(c.s2));
+    sum = FMA(t, sum, (wide)(c.s1));
+    return FMA(t, sum, (wide)(c.s0));
 }
 
 // cut += L weight at column x of the row, for each pixel; columns go round.
-static inline void add_column(private colour *cut, global const float *row, int width, ipixels x, pixels weight)
+static inline void add_column(private colour *cut, global const float *row, int width, wide_int x, wide weight)
 {
-    int at[PIXELS];
-    float by[PIXELS];
-    STORE_PIXELS(x < 0 ? x + width : x >= width ? x - width : x, at);
-    STORE_PIXELS(fmax(weight, (pixels)(0.0f)), by);
-    for (int k = 0; k < PIXELS; ++k)
+    int at[WIDTH];
+    float by[WIDTH];
+    STORE_WIDE(x < 0 ? x + width : x >= width ? x - width : x, at);
+    STORE_WIDE(fmax(weight, (wide)(0.0f)), by);
+    for (int k = 0; k < WIDTH; ++k)
         cut[k] += radiance_at(row, at[k]) * by[k];
 }
 
@@ -83,19 +82,17 @@ kernel void exact_areas(global const arc *restrict arcs,
 {
     const uint2 tile = tiles[get_global_id(0)];
     const size_t half_width = (width + 1) / 2, stride = half_width + width + 1;
-    float azimuth[PIXELS];  // the normals', in columns
-    for (int k = 0; k < PIXELS; ++k) {
-        const float3 n = pixel_normal(tile.x + k, tile.y, resolution);
-        azimuth[k] = turns(n.z, n.x) * width;
-    }
-    const pixels centre = LOAD_PIXELS(azimuth);
+    wide n_x, n_z;
+    float n_y;
+    tile_normals(tile, 0, resolution, &n_x, &n_y, &n_z);
+    const wide centre = turns(n_z, n_x) * (float)width;  // the normals' azimuths in columns
 
     bounds += (size_t)tile.y * rows * 4;
     start += (size_t)tile.y * rows;
     radiance += (size_t)first * width * 3;
-    arc matrix[PIXELS];
-    colour cut[PIXELS];
-    for (int k = 0; k < PIXELS; ++k) {
+    arc matrix[WIDTH];
+    colour cut[WIDTH];
+    for (int k = 0; k < WIDTH; ++k) {
         matrix[k] = 0.0f;
         cut[k] = 0.0f;
     }
@@ -108,17 +105,17 @@ kernel void exact_areas(global const arc *restrict arcs,
         if (h_1 <= 0.0f)
             continue;
         if (h_0 >= 0.5f * width) {
-            whole += row[2 * width] - row[0] + (row[2 * width + 1] - row[1]);
+            whole += arc_between(row, 0, width);
             continue;
         }
-        const ipixels begin = pixels_to_int(ceil(centre - h_0)), end = pixels_to_int(floor(centre + h_0));
+        const wide_int begin = to_wide_int(ceil(centre - h_0)), end = to_wide_int(floor(centre + h_0));
         if (h_0 >= 1.0f) {
-            int from[PIXELS], to[PIXELS];
-            STORE_PIXELS(2 * begin, from);
-            STORE_PIXELS(2 * end, to);
+            int from[WIDTH], to[WIDTH];
+            STORE_WIDE(begin, from);
+            STORE_WIDE(end, to);
 #pragma unroll
-            for (int k = 0; k < PIXELS; ++k)
-                matrix[k] += row[to[k]] - row[from[k]] + (row[to[k] + 1] - row[from[k] + 1]);
+            for (int k = 0; k < WIDTH; ++k)
+                matrix[k] += arc_between(row, from[k], to[k]);
         }
 
         global const float *p = polynomials + (size_t)start[r] * 8;
@@ -126,19 +123,19 @@ kernel void exact_areas(global const arc *restrict arcs,
         const float8 before = vload8(pieces, p);
         const float length = 1.0f / a_column;
         for (int side = -1; side <= 1; side += 2) {  // left, right
-            ipixels x = side > 0 ? end : begin - 1;
-            pixels u = side > 0 ? pixels_from_int(end) - centre : centre - pixels_from_int(begin);
-            pixels left = polynomial(before, h_0 - fmax(u, (pixels)(0.0f))) * scale;
+            wide_int x = side > 0 ? end : begin - 1;
+            wide u = side > 0 ? to_wide(end) - centre : centre - to_wide(begin);
+            wide left = polynomial(before, h_0 - fmax(u, (wide)(0.0f))) * scale;
             // Not sure to see a column whole: the one of the normal's azimuth, from there to u.
             if (h_0 < 1.0f)
-                add_column(cut, L, width, x - side, polynomial(before, (pixels)(h_0)) * scale - left);
+                add_column(cut, L, width, x - side, polynomial(before, (wide)(h_0)) * scale - left);
             for (uint next = 0; next < pieces; next += a_column) {
                 u += 1.0f;
                 // The piece that u lies in; the column's last also where rounding puts u beyond it.
                 const uint last = min(next + a_column, pieces) - 1;
-                pixels beyond = polynomial(vload8(last, p), fmin(h_0 + (last + 1) * length, h_1) - u) * scale;
+                wide beyond = polynomial(vload8(last, p), fmin(h_0 + (last + 1) * length, h_1) - u) * scale;
                 for (uint i = last; i-- > next;) {
-                    const pixels distance = h_0 + (i + 1) * length - u;
+                    const wide distance = h_0 + (i + 1) * length - u;
                     beyond = distance > 0.0f ? polynomial(vload8(i, p), distance) * scale : beyond;
                 }
                 add_column(cut, L, width, x, left - beyond);
@@ -149,7 +146,7 @@ kernel void exact_areas(global const arc *restrict arcs,
         }
     }
 
-    for (int k = 0; k < PIXELS; ++k) {
+    for (int k = 0; k < WIDTH; ++k) {
         const uint x = tile.x + k;
         const float3 n = pixel_normal(x, tile.y, resolution);
         if (x >= resolution || n.z <= 0.0f)

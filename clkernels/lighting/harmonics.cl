@@ -7,12 +7,11 @@
 //
 //     p_lm = a_lm n_y p_{l-1,m} - b_lm p_{l-2,m}        p_mm = a_mm
 //
-// tiles   (x, y) of each tile that meets the disc
-// terms   for m = 0 .. order, for l = m .. order: a, b, then c_lm for R, G, B with the real part, then the imaginary
-// image   resolution x resolution x 3; pixels outside the disc are left alone
+// terms  for m = 0 .. order, for l = m .. order: a, b, then c_lm for R, G, B with the real part, then the imaginary
 //
-// One work-item a tile of PIXELS pixels.
+// Other arguments: sphere.clh. One work-item a tile of one row.
 
+#include "common/fma.clh"
 #include "lighting/sphere.clh"
 
 kernel void harmonics(global const uint2 *restrict tiles,
@@ -22,46 +21,33 @@ kernel void harmonics(global const uint2 *restrict tiles,
                       global float *restrict image)
 {
     const uint2 tile = tiles[get_global_id(0)];
-    const float inverse_resolution = 1.0f / resolution;
-    const int b = tile_b(tile, 0, resolution);
-    const ipixels a = tile_a(tile, resolution);
-    const ipixels c2 = resolution * resolution - b * b - a * a;
-    const pixels x = pixels_from_int(a) * inverse_resolution;
-    const pixels y = b * inverse_resolution;
-    const pixels z = sqrt(fmax(pixels_from_int(c2), (pixels)(0.0f))) * inverse_resolution;
+    wide x, z;
+    float y;
+    const wide_int c2 = tile_normals(tile, 0, resolution, &x, &y, &z);
 
-    pixels red = 0.0f, green = 0.0f, blue = 0.0f, real = 1.0f, imaginary = 0.0f;
+    wide red = 0.0f, green = 0.0f, blue = 0.0f, real = 1.0f, imaginary = 0.0f;
     for (uint m = 0; m <= order; ++m) {
-        pixels red_c = 0.0f, green_c = 0.0f, blue_c = 0.0f, red_s = 0.0f, green_s = 0.0f, blue_s = 0.0f;
-        pixels p = 0.0f, p_before = 0.0f;
+        wide red_c = 0.0f, green_c = 0.0f, blue_c = 0.0f, red_s = 0.0f, green_s = 0.0f, blue_s = 0.0f;
+        wide p = 0.0f, p_before = 0.0f;
         for (uint l = m; l <= order; ++l, terms += 8) {
-            const pixels p_now = l == m ? (pixels)(terms[0]) : terms[0] * (y * p) - terms[1] * p_before;
+            const wide p_now = l == m ? (wide)(terms[0]) : terms[0] * (y * p) - terms[1] * p_before;
             p_before = p;
             p = p_now;
             if (l > 1 && l % 2 == 1)  // the clamped cosine has no such terms
                 continue;
-            red_c = FMA(p, (pixels)(terms[2]), red_c);
-            green_c = FMA(p, (pixels)(terms[3]), green_c);
-            blue_c = FMA(p, (pixels)(terms[4]), blue_c);
-            red_s = FMA(p, (pixels)(terms[5]), red_s);
-            green_s = FMA(p, (pixels)(terms[6]), green_s);
-            blue_s = FMA(p, (pixels)(terms[7]), blue_s);
+            red_c = FMA(p, (wide)(terms[2]), red_c);
+            green_c = FMA(p, (wide)(terms[3]), green_c);
+            blue_c = FMA(p, (wide)(terms[4]), blue_c);
+            red_s = FMA(p, (wide)(terms[5]), red_s);
+            green_s = FMA(p, (wide)(terms[6]), green_s);
+            blue_s = FMA(p, (wide)(terms[7]), blue_s);
         }
         red += red_c * real + red_s * imaginary;
         green += green_c * real + green_s * imaginary;
         blue += blue_c * real + blue_s * imaginary;
-        const pixels next = real * x - imaginary * z;
+        const wide next = real * x - imaginary * z;
         imaginary = real * z + imaginary * x;
         real = next;
     }
-
-    float rgb[3][PIXELS];
-    int inside[PIXELS];
-    STORE_PIXELS(red, rgb[0]);
-    STORE_PIXELS(green, rgb[1]);
-    STORE_PIXELS(blue, rgb[2]);
-    STORE_PIXELS(c2, inside);
-    for (int k = 0; k < PIXELS; ++k)
-        if (inside[k] > 0)
-            vstore3((float3)(rgb[0][k], rgb[1][k], rgb[2][k]), tile.y * (size_t)resolution + tile.x + k, image);
+    store_row(red, green, blue, c2, tile, 0, resolution, image);
 }

@@ -9,20 +9,19 @@
 // image is the brute-force one (shade.cl) up to rounding. Lights come sorted, so that groups of 16 lie close
 // together: of most groups all light the tile, or none, and their bounds and matrix are all that is looked at.
 //
-// tiles           (x, y) of each tile that meets the disc
 // lights          6 rows of stride floats: w_x, w_y, w_z, and E = albedo / pi x flux in red, green, blue, or with GREY
 //                 4, as the three are the same; stride is a multiple of 16, E of the lights past the last one is zero
 // bounds, groups  of groups of 16 lights, see light_groups.cl
-// image           resolution x resolution x 3, zeroed; pixels outside the disc are left alone
 //
-// One work-item a tile of 16 x ROWS pixels (ROWS even): vectors of 16 lights to classify and sum, vectors
-// of 16 pixels to evaluate.
+// Other arguments: sphere.clh. One work-item a tile of 16 x ROWS pixels (ROWS even): vectors of 16 lights to classify
+// and sum, vectors of 16 pixels to evaluate.
 
 #include "common/channels.clh"
 #include "common/double_word.clh"
+#include "common/fma.clh"
 #include "common/lanes.clh"
 
-#define PIXELS LANES
+#define WIDTH LANES
 #include "lighting/sphere.clh"
 
 #define CHUNK 1024  // lights whose sums are added in single precision before they go into double words
@@ -60,7 +59,7 @@ static inline uint append(private uint *list, uint n, uint first, int16 belongs)
 
 // What the listed lights send to two rows of the tile, pixel by pixel: the channels of one, then of the other.
 static inline void evaluate(private const uint *list, uint n, global const float *lights, size_t stride,
-                            float16 nx, float2 ny, private const float16 *nz, private float16 *sent)
+                            float16 nx, private const float *ny, private const float16 *nz, private float16 *sent)
 {
     float16 above[CHANNELS], below[CHANNELS];
 #pragma unroll
@@ -69,10 +68,10 @@ static inline void evaluate(private const uint *list, uint n, global const float
     for (uint i = 0; i < n; ++i) {
         global const float *light = lights + list[i];
         const float16 x = nx * light[0];
-        const float2 y = ny * light[stride];
+        const float wy = light[stride];
         const float16 wz = light[2 * stride];
-        const float16 c0 = fmax(FMA(nz[0], wz, x + y.x), (float16)(0.0f));
-        const float16 c1 = fmax(FMA(nz[1], wz, x + y.y), (float16)(0.0f));
+        const float16 c0 = fmax(FMA(nz[0], wz, x + ny[0] * wy), (float16)(0.0f));
+        const float16 c1 = fmax(FMA(nz[1], wz, x + ny[1] * wy), (float16)(0.0f));
 #pragma unroll
         for (int c = 0; c < CHANNELS; ++c) {
             const float16 E = light[(3 + c) * stride];
@@ -87,28 +86,6 @@ static inline void evaluate(private const uint *list, uint n, global const float
     }
 }
 
-// A row of the tile; outside the disc nothing is written. The disc is convex: between two pixels inside all are.
-static inline void store_row(float16 red, float16 green, float16 blue, int16 c2, global float *image)
-{
-    float r[PIXELS], g[PIXELS], b[PIXELS];
-    vstore16(red, 0, r);
-    vstore16(green, 0, g);
-    vstore16(blue, 0, b);
-    if (c2.s0 > 0 && c2.sf > 0) {
-        for (int k = 0; k < PIXELS; ++k) {
-            image[3 * k] = r[k];
-            image[3 * k + 1] = g[k];
-            image[3 * k + 2] = b[k];
-        }
-        return;
-    }
-    int inside[PIXELS];
-    vstore16(c2, 0, inside);
-    for (int k = 0; k < PIXELS; ++k)
-        if (inside[k] > 0)
-            vstore3((float3)(r[k], g[k], b[k]), k, image);
-}
-
 kernel void shade_tiles(global const uint2 *restrict tiles,
                         global const float *restrict lights,
                         const uint stride,
@@ -118,31 +95,24 @@ kernel void shade_tiles(global const uint2 *restrict tiles,
                         global float *restrict image)
 {
     const uint2 tile = tiles[get_global_id(0)];
-    const float inverse_resolution = 1.0f / resolution;
 
-    // The tile's normals, and their mean as its axis. Pixels outside the disc have c2 <= 0.
-    const int16 a = tile_a(tile, resolution);
-    const float16 nx = convert_float16(a) * inverse_resolution;
-    float2 ny[ROWS / 2];
-    float16 nz[ROWS];
+    // The tile's normals, and their mean as its axis
+    float16 nx, nz[ROWS];
+    float ny[ROWS];
     int16 c2[ROWS];
     float16 mean_x = 0.0f, mean_y = 0.0f, mean_z = 0.0f;
     for (int j = 0; j < ROWS; ++j) {
-        const int b = tile_b(tile, j, resolution);
-        const float y = b * inverse_resolution;
-        ny[j / 2] = j % 2 ? (float2)(ny[j / 2].x, y) : (float2)(y, y);
-        c2[j] = resolution * resolution - b * b - a * a;
+        c2[j] = tile_normals(tile, j, resolution, &nx, ny + j, nz + j);
         const float16 inside = select((float16)(0.0f), (float16)(1.0f), c2[j] > 0);
-        nz[j] = sqrt(fmax(convert_float16(c2[j]), (float16)(0.0f))) * inverse_resolution;
         mean_x += inside * nx;
-        mean_y += inside * y;
+        mean_y += inside * ny[j];
         mean_z += inside * nz[j];
     }
     const float3 axis = normalize((float3)(sum_of_lanes(mean_x), sum_of_lanes(mean_y), sum_of_lanes(mean_z)));
     float16 chord2 = 0.0f;
     for (int j = 0; j < ROWS; ++j) {
         const float16 x = nx - axis.x, z = nz[j] - axis.z;
-        const float y = (j % 2 ? ny[j / 2].y : ny[j / 2].x) - axis.y;
+        const float y = ny[j] - axis.y;
         chord2 = select(chord2, fmax(chord2, x * x + y * y + z * z), c2[j] > 0);
     }
     // |n . w - axis . w| <= |n - axis|; the rest covers what rounding adds.
@@ -199,7 +169,7 @@ kernel void shade_tiles(global const uint2 *restrict tiles,
                 spilled = true;
                 for (int j = 0; j < ROWS; j += 2) {
                     float16 sent[2 * CHANNELS];
-                    evaluate(list, n, lights, stride, nx, ny[j / 2], nz + j, sent);
+                    evaluate(list, n, lights, stride, nx, ny + j, nz + j, sent);
                     for (int k = 0; k < 2 * CHANNELS; ++k)
                         add_to(sum + CHANNELS * j + k, sent[k]);
                 }
@@ -221,16 +191,14 @@ kernel void shade_tiles(global const uint2 *restrict tiles,
     float16 sent[2 * CHANNELS];
     for (int j = 0; j < ROWS; ++j) {
         if (j % 2 == 0)
-            evaluate(list, n, lights, stride, nx, ny[j / 2], nz + j, sent);
+            evaluate(list, n, lights, stride, nx, ny + j, nz + j, sent);
         float16 row[CHANNELS];
-        const float y = j % 2 ? ny[j / 2].y : ny[j / 2].x;
         for (int c = 0; c < CHANNELS; ++c) {
-            row[c] = FMA(nx, (float16)(m[3 * c]), FMA(nz[j], (float16)(m[3 * c + 2]), (float16)(y * m[3 * c + 1])));
+            row[c] = FMA(nx, (float16)(m[3 * c]), FMA(nz[j], (float16)(m[3 * c + 2]), (float16)(ny[j] * m[3 * c + 1])));
             row[c] += sent[j % 2 * CHANNELS + c];
             if (spilled)
                 row[c] += sum[CHANNELS * j + c].hi + sum[CHANNELS * j + c].lo;
         }
-        store_row(row[RED], row[GREEN], row[BLUE], c2[j],
-                  image + 3 * ((tile.y + j) * (size_t)resolution + tile.x));
+        store_row(row[RED], row[GREEN], row[BLUE], c2[j], tile, j, resolution, image);
     }
 }

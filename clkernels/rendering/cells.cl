@@ -3,12 +3,13 @@
 //     f = scale (R + G + B)        flux(cell) = sum over its pixels of f sin(theta)
 //
 // theta, phi         (sin, cos) of every row and of every column
+// spread             by row: how far from the centre of its pixels directions may be, 0 for centres alone
 // size               pixels of a cell across and down; the last ones may have fewer
 // cell_row_cdf       height x width integers (prefix_sum.clh), over the pixels of a row that share a cell
 // cell_marginal_cdf  cells across x height integers, over the rows of a cell
 // flux               cells down x cells across
 // cell_cones         (axis, reach) of every cell: the mean direction of its light, and the distance of the
-//                    farthest lit pixel's direction from it
+//                    farthest direction in a lit pixel from it
 //
 // A cell has CDFs of its own, because beside a bright pixel elsewhere in the row its pixels may weigh less
 // than the row's CDF resolves, and yet be all the light that some normals see. One work-item a cell.
@@ -19,6 +20,7 @@
 kernel void cells(global const float *restrict radiance,
                   global const float2 *restrict theta,
                   global const float2 *restrict phi,
+                  global const float *restrict spread,
                   const uint width,
                   const uint height,
                   const uint2 size,
@@ -62,7 +64,7 @@ kernel void cells(global const float *restrict radiance,
             const float3 L = vload3((size_t)y * width + x, radiance);
             const float2 t = theta[y], p = phi[x];
             if (L.x + L.y + L.z > 0.0f)
-                reach = fmax(reach, plain_distance(axis, (float3)(t.x * p.y, t.y, t.x * p.x)));
+                reach = fmax(reach, plain_distance(axis, (float3)(t.x * p.y, t.y, t.x * p.x)) + spread[y]);
         }
     flux[index] = total;
     cell_cones[index] = (float4)(axis, reach + 1e-6f);

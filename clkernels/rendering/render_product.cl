@@ -1,41 +1,10 @@
-// Per-pixel Monte Carlo of the diffuse sphere, with light samples that know about the cosine.
+// Per-pixel Monte Carlo of the diffuse sphere, with light samples that know about the cosine: see product_block.clh.
 //
-//     image(n) = mean over samples of (albedo / pi) L(w) max(0, n . w) / pdf(w)
-//              = mean of (L / S) (max(0, n . w) / C) x total x albedo / pi x solid angle / sin(theta)
+// Directions are centres of the map's pixels, so this converges to the sum over centres (exact.cl).
 //
-// A tile of normals picks a cell of the map with probability proportional to flux(cell) C(tile, cell),
-// and the cell picks a pixel by S sin(theta), S = R + G + B (product_cdf.cl, cells.cl); so the density is
-// proportional to S C. L / S is at most 1 and the cosine at most 4 C: nothing overflows. Few directions
-// below the horizon are drawn, and the noise of the cosine is gone but for the size of cells and tiles.
-// (Two-stage importance sampling: Cline et al. 2006; product sampling: Clarberg et al. 2005.)
-//
-// tile_row_cdf, tile_marginal_cdf, tile_cones, tile_total
-//                from product_cdf.cl
-// cell_row_cdf, cell_marginal_cdf, cell_cones
-//                from cells.cl
-// sum            high words of resolution x resolution x 3, then low words; this adds samples begin .. end - 1
-// inverse_total  of S sin(theta) over the map, so that a tile's total leaves `sum` without the map's scale
-//
-// One work-item BLOCK pixels, in short loops; pixels of a tile lie next to each other in `disc` and share its CDFs.
-// Sample s of pixel i is point s of stream i, whatever ran before.
+// One work-item BLOCK pixels, in short loops.
 
-#include "rendering/pixel_block.clh"
-#include "common/block_search.clh"
-#include "rendering/product.clh"
-
-// block_search, and u[k] becomes its place in the step that it picked, a fraction of 2^32, uniform again.
-static inline void search_rest(global const uint *cdf, const uint n, private const uint *base,
-                               private const uint *last, private const uint *total, private uint *u,
-                               private uint *index)
-{
-    block_search(cdf, n, base, last, total, u, index);
-    SCALAR_LOADS
-    for (uint k = 0; k < BLOCK; ++k) {
-        global const uint *at = cdf + base[k] + index[k];
-        const uint below = index[k] > 0 ? at[-1] : 0;
-        u[k] = (uint)(((ulong)u[k] * total[k] - ((ulong)below << 32)) / (at[0] - below));
-    }
-}
+#include "rendering/product_block.clh"
 
 kernel void render_product(global const uint *restrict tile_row_cdf,
                            global const uint *restrict tile_marginal_cdf,
@@ -63,94 +32,26 @@ kernel void render_product(global const uint *restrict tile_row_cdf,
                            const int resolution,
                            global float *restrict sum)
 {
-    const uint first = get_global_id(0) * BLOCK;
-    uint index[BLOCK];
-    block3 normal;
-    block_pixels(disc, first, pixel_count, resolution, index, &normal);
-    block_streams streams;
-    begin_streams(&streams, index, begin, seed);
-
-    uint tile_marginal[BLOCK], marginal_total[BLOCK], last_row[BLOCK], last_column[BLOCK];
-    block3 tile_axis;
-    float tile_reach[BLOCK], factor[BLOCK];
-    for (uint k = 0; k < BLOCK; ++k) {
-        const uint2 at = (uint2)(index[k] % resolution, index[k] / resolution) / tile_size;
-        const uint t = at.y * tiles_across + at.x;
-        tile_axis.x[k] = tile_cones[t].x;
-        tile_axis.y[k] = tile_cones[t].y;
-        tile_axis.z[k] = tile_cones[t].z;
-        tile_reach[k] = tile_cones[t].w;
-        factor[k] = tile_total[t] * inverse_total;
-        tile_marginal[k] = t * cells.y;
-        marginal_total[k] = tile_marginal_cdf[tile_marginal[k] + cells.y - 1];
-        last_row[k] = cells.y - 1;
-        last_column[k] = cells.x - 1;
-    }
-
-    block_rgb samples = {{{0.0f}}};
+    const product_cdfs cdfs = {tile_row_cdf, tile_marginal_cdf, tile_cones, tile_total, tile_size, tiles_across,
+                               cell_row_cdf, cell_marginal_cdf, cell_cones, cells, cell_size, width, height};
+    pixel_block block;
+    block_tiles tiles;
+    begin_block(&block, disc, pixel_count, begin, seed, resolution);
+    begin_tiles(&cdfs, block.index, resolution, &tiles);
     for (uint s = begin; s < end; ++s) {
+        // A cell (i, j), and a pixel (x, y) of the map in it
         uint across[BLOCK], down[BLOCK], i[BLOCK], j[BLOCK], x[BLOCK], y[BLOCK];
-        uint base[BLOCK], last[BLOCK], total[BLOCK];
-        next_points(&streams, s, seed, across, down);
+        next_points(&block.streams, s, across, down);
+        pick_cells(&cdfs, &tiles, across, down, i, j);
+        float place_across[BLOCK], place_down[BLOCK];  // that render_product_areas.cl takes
+        pick_in_cells(&cdfs, i, j, across, down, x, y, place_across, place_down);
 
-        // A cell (i, j), by the CDFs of the pixel's tile
-        search_rest(tile_marginal_cdf, cells.y, tile_marginal, last_row, marginal_total, down, j);
-        SCALAR_LOADS
-        for (uint k = 0; k < BLOCK; ++k) {
-            base[k] = (tile_marginal[k] + j[k]) * cells.x;
-            total[k] = tile_row_cdf[base[k] + cells.x - 1];
-        }
-        search_rest(tile_row_cdf, cells.x, base, last_column, total, across, i);
-
-        // A pixel (x, y) of the map, by the CDFs of the cell and the rest of the point
-        SCALAR_LOADS
-        for (uint k = 0; k < BLOCK; ++k) {
-            last[k] = min(cell_size.y, height - j[k] * cell_size.y) - 1;
-            base[k] = i[k] * height + j[k] * cell_size.y;
-            total[k] = cell_marginal_cdf[base[k] + last[k]];
-        }
-        block_search(cell_marginal_cdf, cell_size.y, base, last, total, down, y);
-        SCALAR_LOADS
-        for (uint k = 0; k < BLOCK; ++k) {
-            y[k] += j[k] * cell_size.y;
-            last[k] = min(cell_size.x, width - i[k] * cell_size.x) - 1;
-            base[k] = y[k] * width + i[k] * cell_size.x;
-            total[k] = cell_row_cdf[base[k] + last[k]];
-        }
-        block_search(cell_row_cdf, cell_size.x, base, last, total, across, x);
-        for (uint k = 0; k < BLOCK; ++k)
-            x[k] += i[k] * cell_size.x;
-
-        // max(0, n . w) / C
-        block3 cell_axis;
-        float cell_reach[BLOCK], weight[BLOCK];
-        SCALAR_LOADS
-        for (uint k = 0; k < BLOCK; ++k) {
-            const float4 cone = cell_cones[j[k] * cells.x + i[k]];
-            cell_axis.x[k] = cone.x;
-            cell_axis.y[k] = cone.y;
-            cell_axis.z[k] = cone.z;
-            cell_reach[k] = cone.w;
-        }
-        float sin_theta[BLOCK], cos_theta[BLOCK], sin_phi[BLOCK], cos_phi[BLOCK];
-        block_directions(theta, phi, x, y, sin_theta, cos_theta, sin_phi, cos_phi);
-        for (uint k = 0; k < BLOCK; k += WIDTH) {
-            const wide sine = LOAD_WIDE(sin_theta + k);
-            const wide cosine = LOAD_WIDE(normal.x + k) * (sine * LOAD_WIDE(cos_phi + k))
-                              + LOAD_WIDE(normal.y + k) * LOAD_WIDE(cos_theta + k)
-                              + LOAD_WIDE(normal.z + k) * (sine * LOAD_WIDE(sin_phi + k));
-            const wide c = LOAD_WIDE(tile_axis.x + k) * LOAD_WIDE(cell_axis.x + k)
-                         + LOAD_WIDE(tile_axis.y + k) * LOAD_WIDE(cell_axis.y + k)
-                         + LOAD_WIDE(tile_axis.z + k) * LOAD_WIDE(cell_axis.z + k);
-            const wide guess = cosine_guess(c, LOAD_WIDE(tile_reach + k) + LOAD_WIDE(cell_reach + k));
-            STORE_WIDE(cosine > 0.0f ? cosine / guess : (wide)(0.0f), weight + k);
-        }
-
-        // L / S x max(0, n . w) / C
-        block_add_colours(&samples, radiance, width, scale, x, y, weight);
+        // (L / S) (c / C)
+        block_directions w;
+        float weight[BLOCK];
+        block_centres(theta, phi, x, y, &w);
+        cosine_ratios(&cdfs, &tiles, i, j, &block.normal, &w, weight);
+        block_add_colours(&block.samples, radiance, width, scale, x, y, weight);
     }
-
-    // What all samples of a pixel have in common
-    block_multiply(&samples, factor);
-    block_store(&samples, index, min((uint)BLOCK, pixel_count - first), resolution, sum);
+    end_product(&cdfs, &tiles, inverse_total, &block, pixel_count, resolution, sum);
 }

@@ -45,5 +45,6 @@ kernel void choose_rows(global const uint *restrict marginal_cdf,
     const uint y = invert_cdf(marginal_cdf, height, point.y);
     row[i] = y;
     across[i] = ((ulong)point.x << 32) + further.x;
-    place[i] = place_in_step(point.y, further.y, y == 0 ? 0 : marginal_cdf[y - 1], marginal_cdf[y], marginal_cdf[height - 1]);
+    const uint below = y == 0 ? 0 : marginal_cdf[y - 1];
+    place[i] = place_in_step(point.y, further.y, below, marginal_cdf[y], marginal_cdf[height - 1]);
 }

@@ -74,7 +74,7 @@ def image_lines(check: ImageCheck) -> Iterator[str]:
         per = "samples per pixel" if e.per_pixel else "samples"
         yield _line("expected", f"{e.mean:.2%}, nine of ten images of {e.count} {per} from {e.low:.2%} to {e.high:.2%}")
     if not math.isnan(check.deviations):
-        yield _line("bias", f"{check.deviations:.1f} standard deviations")
+        yield _line("off by", f"{check.deviations:.1f} standard deviations")
     yield _line("by channel", "red {:+.2%}, green {:+.2%}, blue {:+.2%}".format(*check.bias))
     yield _line("factors", "red {:.4g}, green {:.4g}, blue {:.4g}".format(*check.factor))
     if check.orientation:

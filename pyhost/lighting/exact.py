@@ -6,7 +6,7 @@ The conventions of camera and image are those of :mod:`lightdome.lighting.shade`
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,9 +15,9 @@ from ..cache import key_of, remembered
 from ..disc import check_resolution, disc_tiles, note_tiles
 from ..float_range import to_float32
 from ..maps.envmap import EnvironmentMap
+from ..names import PIXELS
 from ..opencl import memory
 from ..opencl.device import Device
-from ..opencl.signature import Argument
 from ..progress import Progress
 from ..sampling.device_map import DeviceMap
 from .horizon import LEAST_SHAPE, area_moments, horizon_tables
@@ -26,7 +26,6 @@ ARCS_ROWS = 64  # that are added in single precision; the sum over bands is in d
 ARCS_BYTES = 2**22  # prefix sums of a band of map rows that the image is summed from: about a second-level cache
 # Part of the key of kept images: change it when the camera or a map's orientation changes.
 CONVENTION = "row 0 up, phi from +x to +z, camera along -z"
-PIXELS = ("centres", "areas")
 KERNELS = {"centres": "lighting/exact", "areas": "lighting/exact_areas"}  # that add up the arcs of rows
 
 
@@ -57,7 +56,7 @@ def exact(
     - ``centres``: a pixel of the map is the direction of its centre, weighted by its solid angle. Samples, lights,
       harmonics, and the estimators ``light`` and ``product`` converge to it.
     - ``areas``: a pixel of the map is an area of constant radiance, which the horizon may cut. The estimators ``bsdf``
-      and ``mis`` converge to it. About three times the work.
+      and ``mis`` converge to it, and the others with ``within="pixel"``. About three times the work.
 
     They differ, in both directions, by a part of the image's maximum that falls as 1 / H, H the map's height: by about
     5 % under one lamp on 16 x 8 pixels. Time is in proportion to R^2 H, with ``areas`` to R^2 (H + W), and to the map's
@@ -108,7 +107,7 @@ def exact(
                 first=first,
                 arcs=arcs,
             )
-            of_rows: dict[str, Argument]
+            of_rows: dict[str, Any]
             if half_arc is None:
                 tables = horizon_tables(resolution, height, width, first, count)
                 bounds, start, polynomials = (memory.upload(device, table) for table in tables)
@@ -125,7 +124,7 @@ def exact(
                 KERNELS[pixels],
                 (len(tiles),),
                 stage="exact",
-                defines={"PIXELS": lanes, **defines},
+                defines={"WIDTH": lanes, **defines},
                 arcs=arcs,
                 width=width,
                 first=first,

@@ -35,12 +35,12 @@ TERMS_PER_LAUNCH = 2**33  # pixels x coefficients, a second or so
 SEPARATE_CHANNELS = "separate channels", "harmonics of grey maps are computed as those in colour"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Harmonics:
     """Radiance of a map up to ``order``: ``coefficients`` is ((order + 1)^2, 3) float64, L_lm in row l^2 + l + m.
 
     It is read-only. ``Harmonics(coefficients)`` copies it and raises :class:`LightdomeError` for another shape, and for
-    values that are not finite.
+    values that are not finite. Harmonics are equal where their coefficients are; they cannot be hashed.
     """
 
     coefficients: np.ndarray
@@ -55,6 +55,12 @@ class Harmonics:
                 f"coefficients of harmonics must be at most {checks.BRIGHTEST:g}, got larger ones or NaN"
             )
         object.__setattr__(self, "coefficients", coefficients)
+
+    def __eq__(self, other: object) -> bool:
+        return checks.same(self, other)
+
+    def __repr__(self) -> str:
+        return f"<Harmonics: order {self.order}>"
 
     @property
     def order(self) -> int:
@@ -94,11 +100,11 @@ class Harmonics:
             if m > 0:
                 of_azimuth += np.outer(sine[m], self.coefficients[n * n + n - m])
             value[n] += legendre[:, None] * of_azimuth
-        value = value.reshape(order + 1, len(y), len(phi), 3)
+        in_rows = value.reshape(order + 1, len(y), len(phi), 3)
         weight = weight * 2 * np.pi / len(phi)
         coefficients = np.empty_like(self.coefficients)
         for n, m, legendre in _legendre(order, y, radius[:, 0]):
-            of_rows = np.tensordot(legendre * weight, value[n], 1)
+            of_rows = np.tensordot(legendre * weight, in_rows[n], 1)
             coefficients[n * n + n + m] = np.cos(m * phi) @ of_rows
             if m > 0:
                 coefficients[n * n + n - m] = np.sin(m * phi) @ of_rows
@@ -192,7 +198,7 @@ def shade_harmonics(device: Device, harmonics: Harmonics, resolution: int = 511,
     device.launch(
         "lighting/harmonics",
         (len(tiles),),
-        defines={"PIXELS": pixels},
+        defines={"WIDTH": pixels},
         step=device.items_per_launch(TERMS_PER_LAUNCH, len(table) * pixels),
         progress="shading the sphere",
         tiles=tile_buffer,

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -148,11 +149,12 @@ class SplitSun:
 
 
 def analyse(
-    source: str | Path | EnvironmentMap | np.ndarray, *, layer: str | None = None, flip: bool = False
+    source: str | Path | ImageRows | EnvironmentMap | np.ndarray, *, layer: str | None = None, flip: bool = False
 ) -> Analysis:
-    """Say what is in a map: a file, which is read in bands, an :class:`EnvironmentMap`, or radiance (H, W, 3).
+    """Say what is in a map: a file or its rows, which are read in bands, a map, or radiance (H, W, 3).
 
-    ``layer`` and ``flip`` are those of :func:`lightdome.read_image`. Bad values are counted: see the module.
+    ``layer`` and ``flip`` are those of :func:`lightdome.read_image`; a file that is given as
+    :class:`lightdome.ImageRows` has its own. Bad values are counted: see the module.
 
     The number of samples is for the image of the sphere that :func:`lightdome.shade_samples` makes from ``independent``
     samples: with the one-sample estimate X = max(0, n . w) (L / I) Phi of the irradiance E, the relative RMSE of N
@@ -173,7 +175,7 @@ def split_sun(envmap: EnvironmentMap) -> SplitSun:
     """
     checks.instance("the map", envmap, EnvironmentMap)
     analysis, region = _examined(_Map.of(envmap, None, False))
-    if analysis.sun is None:
+    if analysis.sun is None or region is None:
         raise LightdomeError(f"the map has no sun to split off: {analysis.no_sun_reason}")
     sun, rest = np.zeros_like(envmap.radiance), envmap.radiance.copy()
     phi = column_angles(envmap.width)
@@ -196,16 +198,17 @@ class _Map:
         self.inspection = self._fresh_inspection()
 
     @classmethod
-    def of(cls, source: object, layer: str | None, flip: bool) -> _Map:
+    def of(cls, source: Any, layer: str | None, flip: bool) -> _Map:
         if isinstance(source, EnvironmentMap):
             return cls(source.height, source.width, None, source.radiance)
         if not isinstance(source, np.ndarray):
-            rows = ImageRows(source, layer=layer, flip=flip)
+            rows = source if isinstance(source, ImageRows) else ImageRows(source, layer=layer, flip=flip)
             return cls(rows.height, rows.width, rows, None)
         radiance = checks.array("the map", source, ("H", "W", 3), np.float32)
         if 0 in radiance.shape:
             raise LightdomeError(f"the map must have at least one pixel, got shape {radiance.shape}")
-        return cls(*radiance.shape[:2], None, radiance)
+        height, width, _ = radiance.shape
+        return cls(height, width, None, radiance)
 
     def _fresh_inspection(self) -> Inspection:
         is_half = self._rows is not None and self._rows.largest == LARGEST_HALF
@@ -233,7 +236,8 @@ class _Map:
         """
         self.inspection = self._fresh_inspection()
         everything = np.arange(self.height)
-        batches = self._rows.read(everything) if self._rows else [(everything, self._radiance)]
+        in_memory = [] if self._radiance is None else [(everything, self._radiance)]
+        batches = self._rows.read(everything) if self._rows else in_memory
         most, done = max(1, BLOCK_PIXELS // self.width), 0
         with Progress(label) as progress:
             for rows, pixels in batches:
@@ -375,7 +379,8 @@ class _Patches:
     def __init__(self, centres: list[np.ndarray], is_fine: bool) -> None:
         self.centres = centres
         self._is_fine = is_fine
-        self._parts: list[list[tuple[np.ndarray, ...]]] = [[] for _ in centres]
+        # Of pixels that are too large none may be near.
+        self._parts = [[(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))] for _ in centres]
 
     def add(self, theta: np.ndarray, phi: np.ndarray, solid_angle: np.ndarray, radiance: np.ndarray) -> None:
         for centre, parts in zip(self.centres, self._parts, strict=True):
@@ -414,6 +419,7 @@ def _examined(of: _Map) -> tuple[Analysis, Region | None]:
     clipping = _clipping(light, tops, infinite, of.height * of.width)
     sun, region, reason = _sun(light, tops, patches, clipping)
     *percentiles, darkest = light.quantiles.values()
+    maximum = float(np.float32(light.maximum))
     is_lit = light.total > 0
     shares = {n: float(light.top[-n:].sum() / light.total) if is_lit else 0.0 for n in TOPS}
     vector = luminance(light.irradiance[::2] - light.irradiance[1::2])[[1, 0, 2]] / (light.total if is_lit else 1)
@@ -432,8 +438,8 @@ def _examined(of: _Map) -> tuple[Analysis, Region | None]:
         luminance_median_by_solid_angle=percentiles[0],
         luminance_99_percent_by_solid_angle=percentiles[1],
         luminance_99_9_percent_by_solid_angle=percentiles[2],
-        luminance_maximum=float(np.float32(light.maximum)),
-        range_stops=float(np.log2(light.maximum / darkest)) if is_lit else None,
+        luminance_maximum=maximum,
+        range_stops=float(np.log2(maximum / darkest)) if maximum > 0 else None,
         clipping=clipping,
         mean_radiance_rgb=_triple(light.flux / (4 * np.pi)),
         flux_rgb_radiance_sr=_triple(light.flux),
@@ -455,7 +461,7 @@ def _examined(of: _Map) -> tuple[Analysis, Region | None]:
     return analysis, region
 
 
-def _triple(values: np.ndarray) -> tuple[float, float, float]:
+def _triple(values: np.ndarray) -> Any:
     return tuple(values.tolist())
 
 

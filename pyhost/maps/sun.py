@@ -203,6 +203,7 @@ def find_region(patch: Patch, start: np.ndarray, pixel: float) -> Region | str:
         ring = outside
     surroundings = (solid_angle[ring] @ patch.radiance[ring] / solid_angle[ring].sum()).astype(np.float32)
     surroundings = surroundings.astype(np.float64)
+    reach = min(reach, PATCH - float(distance(centre, start)))  # what is outside has not been looked at
     # Pixels that it covers in part belong to it too.
     return Region(centre, reach, max(2 * float(luminance(surroundings)), math.ulp(0.0)), surroundings)
 

@@ -11,10 +11,11 @@ Four estimators, all unbiased. What one sample per pixel means for each:
 The error of N independent points falls as 1 / sqrt(N), that of Sobol points faster. ``light`` and
 ``product`` look at the centres of the map's pixels like the samples of part 2, and converge to
 :func:`lightdome.exact`; ``bsdf`` and ``mis`` see pixels as areas of constant radiance, and converge to
-``exact(..., pixels="areas")``. The two differ most beside the shadow's edge of a single bright pixel, in both
-directions, by a part of the image's maximum that falls as 1 / H.
+``exact(..., pixels="areas")``, and so do the other two with ``within="pixel"``. The two images differ most beside the
+shadow's edge of a single bright pixel, in both directions, by a part of the image's maximum that falls as 1 / H.
 
-Kernels: ``render_light.cl``, ``render_bsdf.cl``, ``render_mis.cl``, ``render_product.cl``. Source: Veach, thesis
+Kernels: ``render_light.cl``, ``render_light_areas.cl``, ``render_bsdf.cl``, ``render_mis.cl``, ``render_product.cl``,
+``render_product_areas.cl``. Source: Veach, thesis
 (1997), chapter 9; Pharr, Jakob, Humphreys, Physically Based Rendering, 4th ed., 2.2 and 13.2; Karlik et al., MIS
 Compensation (2019).
 """
@@ -23,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -33,6 +34,7 @@ from ..errors import LightdomeError
 from ..float_range import to_float32
 from ..names import ESTIMATORS as ESTIMATORS
 from ..names import PIXEL_SEQUENCES as SEQUENCES
+from ..names import WITHIN
 from ..opencl import memory
 from ..progress import Progress
 from ..sampling.cdf import build_cdf
@@ -67,6 +69,7 @@ def render(
     estimator: str = "light",
     sequence: str = "independent",
     mis_compensation: bool = False,
+    within: Literal["centre", "pixel"] | None = None,
 ) -> Iterator[tuple[int, np.ndarray]]:
     """Yield (spp, image) for each of ``spp`` in increasing order; images are (R, R, 3) float32 radiance.
 
@@ -75,10 +78,13 @@ def render(
       powers of two
     - ``mis_compensation``: with ``mis``, draw from the light only what is above its mean, and leave the rest
       to the cosine's samples
+    - ``within``: where in a pixel of the map directions lie: at its ``centre``, the default of ``light`` and
+      ``product``, or anywhere in the ``pixel``, evenly over its solid angle, as those of ``bsdf`` and ``mis`` always do
 
     An image of more samples continues the one of fewer, so all cost as much as the largest. A black map
     gives black. Raises :class:`LightdomeError` for a resolution or a number of samples out of range, for
-    an albedo that is negative or not finite, for unknown names, and for compensation without ``mis``.
+    an albedo that is negative or not finite, for unknown names, for compensation without ``mis``, and for centres
+    with ``bsdf`` or ``mis``.
     """
     checks.instance("the distribution", distribution, Distribution)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
@@ -87,8 +93,12 @@ def render(
     checks.choice("sequence", sequence, SEQUENCES)
     if checks.flag("mis_compensation", mis_compensation) and estimator != "mis":
         raise LightdomeError(f"MIS compensation needs the estimator 'mis', got {estimator!r}")
+    by_centres = ESTIMATORS[estimator].pixels == "centres"
+    if within is not None and checks.choice("place within a pixel", within, WITHIN) == "centre" and not by_centres:
+        raise LightdomeError(f"{estimator!r} sees pixels as areas; expected within='pixel', got 'centre'")
+    areas = by_centres and within == "pixel"
     key = philox_key(seed)
-    return _images(distribution, spp, resolution, albedo, key, estimator, sequence, mis_compensation)
+    return _images(distribution, spp, resolution, albedo, key, estimator, areas, sequence, mis_compensation)
 
 
 def _images(
@@ -98,6 +108,7 @@ def _images(
     albedo: float,
     key: np.ndarray,
     estimator: str,
+    areas: bool,
     sequence: str,
     mis_compensation: bool,
 ) -> Iterator[tuple[int, np.ndarray]]:
@@ -118,18 +129,19 @@ def _images(
         defines["GREY"] = 1
     else:
         device.decisions.use("separate channels", "the map is in colour")
+    kernel = f"rendering/render_{estimator}{'_areas' if areas else ''}"
     if estimator == "product":
-        cdfs = build_product_cdfs(distribution, resolution)
+        cdfs = build_product_cdfs(distribution, resolution, areas)
         disc = cdfs.lit(device, disc)
         device.decisions.skip("guide tables", "tables of light times cosine are searched instead")
         if len(disc) == 0:
             device.decisions.skip("rendering", "no light of the map falls on what the camera sees")
             yield from _black(spp, resolution)
             return
-        launch = _product_launch(distribution, cdfs, disc, defines)
+        launch = _product_launch(distribution, kernel, cdfs, disc, defines)
         flux = 3 * distribution.flux
     else:
-        launch, flux = _launch(distribution, estimator, mis_compensation, disc, defines)
+        launch, flux = _launch(distribution, kernel, mis_compensation, disc, defines)
     step = min(device.items_per_launch(SAMPLES_PER_LAUNCH, len(disc)), SAMPLES_PER_SUM)
     done = 0
     with Progress("rendering") as progress:
@@ -152,9 +164,9 @@ def _black(spp: Sequence[int], resolution: int) -> Iterator[tuple[int, np.ndarra
 
 
 def _launch(
-    distribution: Distribution, estimator: str, mis_compensation: bool, disc: np.ndarray, defines: dict[str, int]
+    distribution: Distribution, kernel: str, mis_compensation: bool, disc: np.ndarray, defines: dict[str, int]
 ) -> tuple[Callable[..., None], float]:
-    """The kernel of ``estimator``, given all but its last arguments, and the flux of R + G + B that it samples.
+    """``kernel``, given all but its last arguments, and the flux of R + G + B that it samples.
 
     It is given what its signature asks for: what it reads of the map, the CDFs and their guide tables, and factors.
     """
@@ -167,9 +179,8 @@ def _launch(
             cdf = compensated
             offset = mean
     flux = 3 * distribution.flux * (cdf.total / distribution.total)
-    name = f"rendering/render_{estimator}"
-    wanted = device.programs.parameters(name)
-    arguments: dict[str, Argument] = {argument: getattr(of_map, argument) for argument in OF_MAP if argument in wanted}
+    wanted = device.programs.parameters(kernel)
+    arguments = _of_map(distribution, wanted)
     if "row_cdf" in wanted:
         device.decisions.use("guide tables", "every sample of every pixel searches the map")
         arguments |= {"row_cdf": cdf.rows, "marginal_cdf": cdf.marginal, **cdf.guide.arguments}
@@ -177,17 +188,22 @@ def _launch(
         device.decisions.skip("guide tables", "directions of the cosine need no search")
     factors = {"offset": offset, "k": np.pi / (flux * of_map.scale)}
     arguments |= {factor: value for factor, value in factors.items() if factor in wanted}
-    return _in_blocks(device, name, disc, defines, **arguments), flux
+    return _in_blocks(device, kernel, disc, defines, **arguments), flux
+
+
+def _of_map(distribution: Distribution, wanted: frozenset[str]) -> dict[str, Argument]:
+    """What a kernel that has these arguments reads of the map."""
+    return {argument: getattr(distribution.map, argument) for argument in OF_MAP if argument in wanted}
 
 
 def _product_launch(
-    distribution: Distribution, cdfs: ProductCDFs, disc: np.ndarray, defines: dict[str, int]
+    distribution: Distribution, kernel: str, cdfs: ProductCDFs, disc: np.ndarray, defines: dict[str, int]
 ) -> Callable[..., None]:
-    """The kernel ``render_product``, given all but its last arguments."""
-    of_map = distribution.map
+    """``kernel``, which has CDFs of its own, given all but its last arguments."""
+    device = distribution.device
     return _in_blocks(
-        distribution.device,
-        "rendering/render_product",
+        device,
+        kernel,
         disc,
         defines,
         tile_row_cdf=cdfs.tile_row_cdf,
@@ -201,18 +217,13 @@ def _product_launch(
         cell_cones=cdfs.cell_cones,
         cells=cdfs.cell_cones.shape[1::-1],
         cell_size=cdfs.cell_size,
-        radiance=of_map.radiance,
-        theta=of_map.theta,
-        phi=of_map.phi,
-        width=of_map.width,
-        height=of_map.height,
-        scale=of_map.scale,
         inverse_total=1 / distribution.total,
+        **_of_map(distribution, device.programs.parameters(kernel)),
     )
 
 
 def _in_blocks(
-    device: Device, name: str, disc: np.ndarray, defines: dict[str, int], **arguments: Argument
+    device: Device, name: str, disc: np.ndarray, defines: dict[str, int], **arguments: Any
 ) -> Callable[..., None]:
     """The kernel ``name``, a work-item for each block of the disc's pixels, given these arguments."""
     block = 1 if device.is_gpu else PIXELS_PER_BLOCK

@@ -18,6 +18,7 @@ from ..disc import check_resolution
 from ..opencl import memory
 from ..opencl.device import Device
 from ..opencl.memory import DeviceArray
+from ..sampling.device_map import DeviceMap
 from ..sampling.distribution import Distribution
 
 CELLS = (64, 32)  # most cells across and down the map
@@ -47,9 +48,10 @@ class ProductCDFs:
         return disc.take(order[total.ravel()[tile[order]] > 0], axis=0)
 
 
-def build_product_cdfs(distribution: Distribution, resolution: int) -> ProductCDFs:
+def build_product_cdfs(distribution: Distribution, resolution: int, areas: bool = False) -> ProductCDFs:
     """The CDFs for the image of ``resolution`` x ``resolution`` pixels under a map that is not black.
 
+    With ``areas`` they cover all directions within a pixel, else those of centres.
     Raises :class:`LightdomeError` for a resolution outside 1 to 16384.
     """
     checks.instance("the distribution", distribution, Distribution)
@@ -67,6 +69,7 @@ def build_product_cdfs(distribution: Distribution, resolution: int) -> ProductCD
         radiance=of_map.radiance,
         theta=of_map.theta,
         phi=of_map.phi,
+        spread=memory.upload(device, _spread(of_map) if areas else np.zeros(of_map.height, np.float32)),
         width=of_map.width,
         height=of_map.height,
         size=cell_size,
@@ -108,3 +111,16 @@ def build_product_cdfs(distribution: Distribution, resolution: int) -> ProductCD
         cell_marginal_cdf=cell_marginal_cdf,
         cell_cones=cell_cones,
     )
+
+
+def _spread(of_map: DeviceMap) -> np.ndarray:
+    """A bound on the distance of directions within a pixel from its centre, for each row, (H,) float32.
+
+    The square of a chord between angles d_theta and d_phi apart is 4 sin(d_theta / 2)^2 and 4 sin(theta) sin(theta')
+    sin(d_phi / 2)^2. Rows end where ``edge`` says, in float32.
+    """
+    theta, border = of_map.row_angles, np.arccos(memory.download(of_map.device, of_map.edge).astype(np.float64))
+    half = np.maximum(theta - border[:-1], border[1:] - theta)
+    sines = np.sin(theta) * np.sin(np.clip(np.pi / 2, border[:-1], border[1:]))
+    chord2 = np.sin(half / 2) ** 2 + sines * np.sin(np.pi / 2 / of_map.width) ** 2
+    return (2 * np.sqrt(chord2)).astype(np.float32)

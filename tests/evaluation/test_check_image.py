@@ -9,6 +9,7 @@ import re
 import lightdome
 import numpy as np
 import pytest
+from helpers import ROOT
 from lightdome.disc import disc_mask
 from lightdome.errors import LightdomeError
 from lightdome.evaluation.check_causes import CAUSES
@@ -71,6 +72,13 @@ def test_a_mistake_is_told_by_its_name(lamps: EnvironmentMap, references: dict[f
 def test_every_cause_is_a_mistake_of_the_student() -> None:
     said = " ".join(MISTAKES.values())
     assert [cause.name for cause in CAUSES if cause.name not in said] == []
+
+
+def test_the_page_on_checks_has_every_cause() -> None:
+    page = (ROOT / "docs" / "check.md").read_text(encoding="utf-8")
+    rows = [" | ".join((c.name, c.what, c.seen, c.where)) for c in CAUSES]
+    listed = re.findall(r"^\| (.*) \|$", page.replace("\\|", "|").partition("## Causes")[2], re.MULTILINE)
+    assert listed[2 : 2 + len(rows)] == rows
 
 
 @pytest.mark.parametrize("count", [16, 4096])

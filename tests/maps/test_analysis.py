@@ -360,6 +360,13 @@ def test_sun_and_rest_are_the_map(azimuth: float, elevation: float, radius: floa
     assert not split.sun_map.radiance[far].any()
 
 
+def test_a_sun_that_hides_the_sky_takes_no_light_that_is_not_there() -> None:
+    hidden = disc(50, 30, 2)[..., None] > 0
+    split = split_sun(EnvironmentMap(np.where(hidden, [900.0, 0.0, 0.0], sky())))
+    assert split.sun_map.radiance.min() == 0
+    assert split.rest.radiance.min() == 0
+
+
 def test_a_map_without_a_sun_is_not_split() -> None:
     with pytest.raises(LightdomeError, match="no sun to split off: nothing small"):
         split_sun(EnvironmentMap(sky(64)))
@@ -396,3 +403,21 @@ def test_grace(device: Device, grace: EnvironmentMap) -> None:
     assert found.range_stops == pytest.approx(16.1, abs=0.05)
     error = measured(device, grace, 1000, 100)
     assert error == pytest.approx(0.01 * np.sqrt(found.samples_for_1_percent_error / 1000), rel=0.15)
+
+
+@pytest.mark.parametrize("shape", [(1, 3), (3, 1), (130, 2), (2, 200), (33, 64)])
+@pytest.mark.parametrize("spread", [0.1, 5.0, 20.0])
+@pytest.mark.parametrize("scale", [1.0, 1e-42, 1e37])
+def test_maps_of_any_shape_and_scale(shape: tuple[int, int], spread: float, scale: float) -> None:
+    """Warnings are errors here."""
+    light = np.exp(np.random.default_rng(shape[0]).normal(0, spread, (*shape, 3))) * scale
+    radiance = np.minimum(light, 3e38).astype(np.float32)
+    found = analyse(radiance)
+    json.dumps(found.to_dict(), allow_nan=False)
+    assert found.luminance_minimum <= found.luminance_median_by_solid_angle <= found.luminance_maximum
+    assert found.range_stops is None or found.range_stops >= 0
+    if found.sun is not None:
+        split = split_sun(EnvironmentMap(radiance))
+        solid_angle = reference.pixel_solid_angles(*shape)[..., None]
+        flux = (split.sun_map.radiance.astype(np.float64) * solid_angle).sum(axis=(0, 1))
+        assert found.sun.flux_rgb_radiance_sr == pytest.approx(flux, rel=1e-5, abs=1e-6 * flux.max())

@@ -63,10 +63,13 @@ def images(distribution: Distribution) -> dict[str, np.ndarray]:
         "median cut": shade(device, lights.direction, lights.flux, R),
         "harmonics": shade_harmonics(device, project(device, envmap, 8), R),
     }
-    for estimator in ESTIMATORS:
-        for sequence in RENDER_SEQUENCES:
+    for sequence in RENDER_SEQUENCES:
+        for estimator in ESTIMATORS:
             ((_, image),) = render(distribution, [64], R, seed=3, estimator=estimator, sequence=sequence)
             result[f"{estimator} {sequence}"] = image
+        for estimator in ("light", "product"):
+            ((_, image),) = render(distribution, [64], R, 1.0, 3, estimator, sequence, within="pixel")
+            result[f"{estimator} {sequence} within pixels"] = image
     return result
 
 
@@ -206,4 +209,8 @@ RECORDED_MEANS = {
     "mis sobol": 3.262729e08,
     "product independent": 3.264266e08,
     "product sobol": 3.266535e08,
+    "light independent within pixels": 3.315961e08,
+    "product independent within pixels": 3.264418e08,
+    "light sobol within pixels": 3.268834e08,
+    "product sobol within pixels": 3.265237e08,
 }

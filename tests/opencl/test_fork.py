@@ -66,7 +66,7 @@ def test_a_device_in_a_fork_is_one_line_that_says_spawn() -> None:
         "lambda: lightdome.open_device()",
         "lambda: memory.upload(device, np.ones(4, np.float32))",
         "lambda: memory.download(device, array)",
-        "lambda: device.kernel('lighting/exact', PIXELS=1)",
+        "lambda: device.kernel('lighting/exact', WIDTH=1)",
         "lambda: kernel(device.queue, (1,), (1,))",
         "lambda: device.launch('limits/launch', (1,))",
     ]

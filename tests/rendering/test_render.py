@@ -13,6 +13,7 @@ from lightdome.errors import LightdomeError
 from lightdome.lighting.exact import PIXELS
 from lightdome.lighting.exact import exact as exact_image
 from lightdome.maps.envmap import EnvironmentMap
+from lightdome.names import WITHIN
 from lightdome.opencl.device import Device
 from lightdome.rendering.per_pixel import ESTIMATORS, SEQUENCES, render
 from lightdome.sampling.distribution import Distribution, build_distribution
@@ -20,8 +21,12 @@ from lightdome.sampling.distribution import Distribution, build_distribution
 R = 24
 CENTRES = ("light", "product")  # see the pixels of the map as directions, the others as areas
 assert {e for e, facts in ESTIMATORS.items() if facts.pixels == "centres"} == set(CENTRES)
-ALL = [{"estimator": e} for e in ESTIMATORS] + [{"estimator": "mis", "mis_compensation": True}]
-NAMES = [*ESTIMATORS, "compensated"]
+ALL = [
+    *({"estimator": e} for e in ESTIMATORS),
+    {"estimator": "mis", "mis_compensation": True},
+    *({"estimator": e, "within": "pixel"} for e in CENTRES),
+]
+NAMES = [*ESTIMATORS, "compensated", *(f"{e}-within" for e in CENTRES)]
 
 
 def exact(radiance: np.ndarray, resolution: int = R, areas: bool = False) -> np.ndarray:
@@ -33,9 +38,14 @@ def exact(radiance: np.ndarray, resolution: int = R, areas: bool = False) -> np.
     return image
 
 
-def limit(radiance: np.ndarray, estimator: str, resolution: int = R) -> np.ndarray:
+def seen_as(options: dict[str, object]) -> str:
+    """What an estimator takes the map's pixels for."""
+    return "areas" if options.get("within") == "pixel" else ESTIMATORS[str(options["estimator"])].pixels
+
+
+def limit(radiance: np.ndarray, options: dict[str, object], resolution: int = R) -> np.ndarray:
     """What an estimator converges to."""
-    return exact(radiance, resolution, areas=estimator not in CENTRES)
+    return exact(radiance, resolution, areas=seen_as(options) == "areas")
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +85,7 @@ def test_the_mean_over_seeds_meets_the_exact_image(
     small: Distribution, options: dict[str, object], sequence: str
 ) -> None:
     images = np.stack([one(small, 32, seed=seed, sequence=sequence, **options) for seed in range(100)])
-    z = z_scores(images, limit(small.envmap.radiance, str(options["estimator"])))
+    z = z_scores(images, limit(small.envmap.radiance, options))
     # Pixels and channels are hundreds of tests, but for the three channels of a pixel independent ones.
     assert abs(z.mean()) < 0.15
     assert 0.85 < z.std() < 1.15
@@ -93,18 +103,50 @@ def test_under_one_lamp_each_estimator_meets_its_own_exact_image_and_not_the_oth
     image = one(distribution, 2**14, sequence="sobol", **options)
     off = {pixels: np.abs(image - exact_image(device, envmap, R, pixels=pixels)).max() for pixels in PIXELS}
     # Few of `bsdf`'s directions find the lamp.
-    assert (
-        off.pop(ESTIMATORS[str(options["estimator"])].pixels)
-        < (0.02 if options["estimator"] == "bsdf" else 0.006) * image.max()
-    )
+    assert off.pop(seen_as(options)) < (0.02 if options["estimator"] == "bsdf" else 0.006) * image.max()
     assert off.popitem()[1] > 0.04 * image.max()
+
+
+@pytest.mark.parametrize("sequence", SEQUENCES)
+@pytest.mark.parametrize(
+    ("shape", "lit", "noise", "apart"), [((8, 16), (2, 3), 0.006, 0.04), ((1, 1), (0, 0), 0.06, 1)]
+)
+@pytest.mark.parametrize("estimator", CENTRES)
+def test_within_pixels_each_meets_the_integral_over_areas_and_at_centres_it_does_not(
+    device: Device,
+    estimator: str,
+    shape: tuple[int, int],
+    lit: tuple[int, int],
+    noise: float,
+    apart: float,
+    sequence: str,
+) -> None:
+    radiance = np.zeros((*shape, 3), np.float32)
+    radiance[lit] = 1, 2, 3
+    distribution = build_distribution(device, EnvironmentMap(radiance))
+    expected = exact(radiance, areas=True)
+    off = {
+        within: np.abs(one(distribution, 2**14, estimator=estimator, sequence=sequence, within=within) - expected).max()
+        for within in WITHIN
+    }
+    assert off["pixel"] < noise * expected.max()
+    assert off["centre"] > apart * expected.max()
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_where_directions_lie_by_default(small: Distribution, estimator: str) -> None:
+    named = {within: {"estimator": estimator, "within": within} for within in WITHIN}
+    default = one(small, 4, estimator=estimator)
+    np.testing.assert_array_equal(one(small, 4, **named["centre" if estimator in CENTRES else "pixel"]), default)
+    if estimator in CENTRES:
+        assert (one(small, 4, **named["pixel"]) != default).any()
 
 
 @pytest.mark.parametrize("options", ALL, ids=NAMES)
 def test_the_sum_over_many_samples_meets_the_exact_image(small: Distribution, options: dict[str, object]) -> None:
     # 2^15 Sobol points a pixel: what is left is bias, if there is any.
     image = one(small, 2**15, 9, sequence="sobol", **options)
-    expected = limit(small.envmap.radiance, str(options["estimator"]), 9)
+    expected = limit(small.envmap.radiance, options, 9)
     assert reference.relative_rmse(image, expected) < (0.005 if options["estimator"] == "bsdf" else 0.001)
 
 
@@ -120,7 +162,7 @@ def test_a_hard_map_is_unbiased_too(distribution: Distribution, target: np.ndarr
 @pytest.mark.slow
 @pytest.mark.parametrize("options", ALL, ids=NAMES)
 def test_the_error_falls_as_one_over_the_root_of_spp(small: Distribution, options: dict[str, object]) -> None:
-    expected = limit(small.envmap.radiance, str(options["estimator"]))
+    expected = limit(small.envmap.radiance, options)
     errors = {
         spp: np.mean([reference.relative_rmse(one(small, spp, seed=s, **options), expected) for s in range(6)])
         for spp in (16, 64, 256)
@@ -130,12 +172,13 @@ def test_the_error_falls_as_one_over_the_root_of_spp(small: Distribution, option
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("options", ALL, ids=NAMES)
+# But for the last, whose noise is that within single pixels here: these are more than the points.
+@pytest.mark.parametrize("options", ALL[:-1], ids=NAMES[:-1])
 def test_with_sobol_points_it_falls_faster(device: Device, options: dict[str, object]) -> None:
     theta, phi = reference.angles(32, 64)
     smooth = np.stack([2 + np.cos(theta), 2 + np.sin(theta) * np.cos(phi), 2 + np.sin(theta) * np.sin(phi)], axis=2)
     distribution = build_distribution(device, EnvironmentMap(smooth))
-    expected = limit(distribution.envmap.radiance, str(options["estimator"]))
+    expected = limit(distribution.envmap.radiance, options)
 
     def error(spp: int, sequence: str) -> float:
         images = [one(distribution, spp, seed=s, sequence=sequence, **options) for s in range(3)]
@@ -150,7 +193,7 @@ def test_mis_is_not_much_worse_than_the_better_of_both(device: Device, distribut
     def errors(distribution: Distribution) -> list[float]:
         result = []
         for options in ALL[:3]:
-            expected = limit(distribution.envmap.radiance, str(options["estimator"]))
+            expected = limit(distribution.envmap.radiance, options)
             images = [one(distribution, 64, seed=s, **options) for s in range(4)]
             result.append(float(np.mean([reference.relative_rmse(image, expected) for image in images])))
         return result
@@ -163,7 +206,7 @@ def test_mis_is_not_much_worse_than_the_better_of_both(device: Device, distribut
 
 
 def test_the_product_has_less_noise_than_the_rest(distribution: Distribution, target: np.ndarray) -> None:
-    targets = {"centres": target, "areas": limit(distribution.envmap.radiance, "mis")}
+    targets = {"centres": target, "areas": limit(distribution.envmap.radiance, {"estimator": "mis"})}
     error = {
         e: reference.relative_rmse(one(distribution, 64, estimator=e), targets[ESTIMATORS[e].pixels])
         for e in ESTIMATORS
@@ -217,7 +260,7 @@ def test_any_shape_of_map(device: Device, height: int, width: int) -> None:
     distribution = build_distribution(device, EnvironmentMap(radiance))
     for options in ALL:
         image = one(distribution, 4096, 9, sequence="sobol", **options)
-        expected = limit(radiance, str(options["estimator"]), 9)
+        expected = limit(radiance, options, 9)
         assert reference.relative_rmse(image, expected) < 0.02
 
 
@@ -228,7 +271,7 @@ def test_a_single_lit_pixel_at_poles_and_edges(device: Device, pixel: tuple[int,
     distribution = build_distribution(device, EnvironmentMap(radiance))
     for options in ALL:
         image = one(distribution, 4096, 9, sequence="sobol", **options)
-        expected = limit(radiance, str(options["estimator"]), 9)
+        expected = limit(radiance, options, 9)
         assert reference.relative_rmse(image, expected) < (0.1 if options["estimator"] == "bsdf" else 0.01)
         np.testing.assert_allclose(image[..., 0], 3 * image[..., 2], rtol=1e-5)
 
@@ -252,7 +295,7 @@ def test_next_to_a_pixel_that_outshines_all(device: Device, small: Distribution)
         image = one(distribution, 256, sequence="sobol", **options)
         assert np.isfinite(image).all()
         if options["estimator"] != "bsdf":
-            expected = limit(radiance, str(options["estimator"]))
+            expected = limit(radiance, options)
             assert reference.relative_rmse(image, expected) < 0.05
     # The product's normals that cannot see it have no more noise than without it.
     expected = exact(radiance)
@@ -316,6 +359,9 @@ def test_other_numbers_of_samples_are_refused(distribution: Distribution, spp: l
         ({"sequence": "halton"}, "independent, sobol"),
         ({"mis_compensation": True}, "'mis', got 'light'"),
         ({"seed": -1}, "a seed must be"),
+        ({"within": "corner"}, "place within a pixel 'corner'; expected one of centre, pixel"),
+        ({"estimator": "bsdf", "within": "centre"}, "'bsdf' sees pixels as areas; expected within='pixel'"),
+        ({"estimator": "mis", "within": "centre"}, "'mis' sees pixels as areas; expected within='pixel'"),
     ],
 )
 def test_unknown_names_are_refused(distribution: Distribution, options: dict[str, object], words: str) -> None:
@@ -345,15 +391,19 @@ def test_where_cells_and_tiles_are_single_pixels_the_product_has_no_noise(device
     np.testing.assert_allclose(image, exact_image(device, envmap, resolution), rtol=1e-4)
 
 
+@pytest.mark.parametrize("within", WITHIN)
 @pytest.mark.parametrize("at", [(9, 40), (14, 3), (20, 52)])
-def test_no_sample_of_the_product_is_worth_more_than_four_others(device: Device, at: tuple[int, int]) -> None:
+def test_no_sample_of_the_product_is_worth_more_than_four_others(
+    device: Device, at: tuple[int, int], within: str
+) -> None:
     # Of two lamps one is seen by all normals that matter, in blue. Tiles in which the other, red one sets draw it
     # rarely, but often enough that what it is worth then stays in bounds: a cosine is at most 4 C (product.clh).
     radiance = np.zeros((32, 64, 3), np.float32)
     radiance[at] = 1e4, 0, 0
     radiance[16, 16] = 0, 0, 1
     distribution = build_distribution(device, EnvironmentMap(radiance))
-    sums = [n * image.astype(np.float64) for n, image in render(distribution, range(1, 65), 64, estimator="product")]
+    images = render(distribution, range(1, 65), 64, estimator="product", within=within)
+    sums = [n * image.astype(np.float64) for n, image in images]
     drawn = np.diff(sums, axis=0, prepend=0)
     red, blue = drawn[..., 0].max(axis=0), drawn[..., 2].max(axis=0)
     towards = reference.normals(64) @ reference.directions(32, 64)[16, 16]
@@ -378,7 +428,7 @@ def test_the_last_rows_and_columns_of_any_map_send_their_light(
     distribution = build_distribution(device, envmap)
     for options in ALL:
         image = one(distribution, 2**14, 9, sequence="sobol", **options)
-        expected = exact_image(device, envmap, 9, pixels=ESTIMATORS[str(options["estimator"])].pixels)
+        expected = exact_image(device, envmap, 9, pixels=seen_as(options))
         sums, truth = (a.sum(axis=(0, 1), dtype=np.float64) for a in (image, expected))
         np.testing.assert_allclose(sums, truth, rtol=0.05 if options["estimator"] == "bsdf" else 3e-4)
 

@@ -7,8 +7,8 @@ odd sizes, so that vectors meet their remainders; each kernel runs in the shape 
 Exits with 1 if Oclgrind has any finding, if it misses the faults of a kernel that is broken on purpose, or if a
 kernel of clkernels/ did not run.
 
-The search for what was never set is for row_cdf, marginal_cdf, guide, choose_rows, sample with and
-without guides, shade, harmonics, render_light, render_bsdf and render_mis in the shape for a GPU, since that of
+The search for what was never set is for row_cdf, marginal_cdf, guide, choose_rows, sample with and without guides,
+shade, harmonics, render_light, render_light_areas, render_bsdf and render_mis in the shape for a GPU, since that of
 Oclgrind 21.10 cannot follow all vectors: it takes lane 11 of any for never set where the memory was used before, and
 for a lane that does not matter it reads outside its own memory.
 tests/opencl/test_device_agreement.py searches all kernels for it in another way.
@@ -19,7 +19,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -157,6 +157,7 @@ def run_all() -> None:
                 for pixels in PIXELS:
                     exact(any_colour.device, any_colour.envmap, resolution, pixels=pixels)
                 draw_images(any_colour, resolution, ESTIMATORS)
+                draw_images(any_colour, resolution, ("light", "product"), within="pixel")
             shade_harmonics(distribution.device, project(distribution.device, distribution.envmap, 3), resolution)
         list(render(distribution, [2], RESOLUTIONS[-1], estimator="mis", mis_compensation=True))
         touch_limits(distribution.device)
@@ -176,6 +177,7 @@ def run_clean() -> None:
             light(distribution, resolution, brute_force=True)
             shade_harmonics(distribution.device, Harmonics(np.ones((16, 3))), resolution)
             draw_images(distribution, resolution, ("light", "bsdf", "mis"))
+            draw_images(distribution, resolution, ("light",), within="pixel")
 
 
 def distributions(shapes: tuple[bool, ...] = (False, True)) -> Iterator[Distribution]:
@@ -225,10 +227,12 @@ def touch_limits(device: Device) -> None:
     roofline.launch(device)
 
 
-def draw_images(distribution: Distribution, resolution: int, estimators: tuple[str, ...]) -> None:
+def draw_images(
+    distribution: Distribution, resolution: int, estimators: Iterable[str], within: str | None = None
+) -> None:
     for estimator in estimators:
         for sequence in RENDER_SEQUENCES:
-            list(render(distribution, [2, 3], resolution, estimator=estimator, sequence=sequence))
+            list(render(distribution, [2, 3], resolution, estimator=estimator, sequence=sequence, within=within))
 
 
 if __name__ == "__main__":

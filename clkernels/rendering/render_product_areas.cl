@@ -1,0 +1,59 @@
+// Per-pixel Monte Carlo of the diffuse sphere, with light samples that know about the cosine: see product_block.clh.
+//
+// This is render_product.cl, but directions are even over the solid angle of the map's pixels, so it converges to the
+// integral over areas (exact_areas.cl). The cells' cones hold their pixels whole (cells.cl).
+//
+// edge  cos(theta) at the height + 1 borders of rows
+//
+// One work-item BLOCK pixels, in short loops.
+
+#include "rendering/product_block.clh"
+
+kernel void render_product_areas(global const uint *restrict tile_row_cdf,
+                                 global const uint *restrict tile_marginal_cdf,
+                                 global const float4 *restrict tile_cones,
+                                 global const float *restrict tile_total,
+                                 const uint tile_size,
+                                 const uint tiles_across,
+                                 global const uint *restrict cell_row_cdf,
+                                 global const uint *restrict cell_marginal_cdf,
+                                 global const float4 *restrict cell_cones,
+                                 const uint2 cells,
+                                 const uint2 cell_size,
+                                 global const float *restrict radiance,
+                                 global const float *restrict edge,
+                                 const uint width,
+                                 const uint height,
+                                 const float scale,
+                                 const float inverse_total,
+                                 global const uint2 *restrict disc,
+                                 const uint pixel_count,
+                                 const uint2 seed,
+                                 const uint begin,
+                                 const uint end,
+                                 const int resolution,
+                                 global float *restrict sum)
+{
+    const product_cdfs cdfs = {tile_row_cdf, tile_marginal_cdf, tile_cones, tile_total, tile_size, tiles_across,
+                               cell_row_cdf, cell_marginal_cdf, cell_cones, cells, cell_size, width, height};
+    pixel_block block;
+    block_tiles tiles;
+    begin_block(&block, disc, pixel_count, begin, seed, resolution);
+    begin_tiles(&cdfs, block.index, resolution, &tiles);
+    for (uint s = begin; s < end; ++s) {
+        // A cell (i, j), and a pixel (x, y) of the map in it
+        uint across[BLOCK], down[BLOCK], i[BLOCK], j[BLOCK], x[BLOCK], y[BLOCK];
+        next_points(&block.streams, s, across, down);
+        pick_cells(&cdfs, &tiles, across, down, i, j);
+        float place_across[BLOCK], place_down[BLOCK];
+        pick_in_cells(&cdfs, i, j, across, down, x, y, place_across, place_down);
+
+        // (L / S) (c / C)
+        block_directions w;
+        float weight[BLOCK];
+        block_placed(edge, width, x, y, place_across, place_down, &w);
+        cosine_ratios(&cdfs, &tiles, i, j, &block.normal, &w, weight);
+        block_add_colours(&block.samples, radiance, width, scale, x, y, weight);
+    }
+    end_product(&cdfs, &tiles, inverse_total, &block, pixel_count, resolution, sum);
+}
