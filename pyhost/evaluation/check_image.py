@@ -28,11 +28,24 @@ from ..progress import Progress
 from .check_causes import CAUSES, Cause, Irradiance
 from .check_disc import find_disc, seen_in
 from .check_files import GAMMA
-from .check_statistics import Expected, Sampling, Spread, moments, noise_of, normals, zernike
+from .check_statistics import (
+    Expected,
+    Population,
+    Sampling,
+    Spread,
+    moments,
+    moments_of_each,
+    noise_of,
+    normals,
+    population,
+    zernike,
+)
 from .check_turn import Orientation, find_orientation, table_of
 from .metrics import relative_rmse
 
 GRID = 63  # pixels across the disc, of images that hypotheses expect
+FEW = 4  # of its pixels, each of which counts where covariances are made
+DRAWN = 1024  # samples for those
 MAP_ROWS = 512  # of the map from which those are made
 LIMIT = 5.0  # standard deviations, from which on an image is biased
 EXPLAINED = 0.1  # share of the deviations that may be left: with a mistake, samples have another spread
@@ -170,12 +183,14 @@ def check_image(
 class _Hypothesis:
     """An explanation: the image of the disc at :data:`GRID` pixels that it expects, (P, 3).
 
+    ``covariance`` is that of the moments of one sample, if it is not the right image's.
     Its brightness counts with ``factors`` 0; 1 is a factor of its own, and 3 one for each channel.
     """
 
     pixels: np.ndarray
     cause: Cause | None = None
     orientation: Orientation | None = None
+    covariance: np.ndarray | None = None
     factors: int = 0
     is_named: bool = False  # the factor is one that people make
 
@@ -264,36 +279,56 @@ class Reference:
         return table_of(self.light)
 
     @cached_property
-    def causes(self) -> list[tuple[Cause, np.ndarray]]:
-        """The known mistakes that this map can show, and what the disc looks like with each."""
+    def causes(self) -> list[tuple[Cause, np.ndarray, np.ndarray | None]]:
+        """The known mistakes that this map can show, what the disc looks like with each, and the covariance then."""
         result = []
         with Progress("making what mistakes look like") as progress:
             for i, cause in enumerate(CAUSES):
-                pixels = self._with(cause)
-                if pixels is not None:
-                    result.append((cause, pixels))
+                seen = self._with(cause)
+                if seen is not None:
+                    result.append((cause, *seen))
                 progress.update((i + 1) / len(CAUSES))
         return result
 
-    def _with(self, cause: Cause) -> np.ndarray | None:
-        """The disc's pixels with that mistake, None if this map does not show it."""
+    def _with(self, cause: Cause) -> tuple[np.ndarray, np.ndarray | None] | None:
+        """The disc's pixels with that mistake and the covariance, None if this map does not show it."""
+        drawn = self.drawn
         if cause.picture:
-            return cause.picture(self.right)
+            return cause.picture(self.right), None
         if cause.surface:
-            return self.right + cause.surface(self.light, self.grid) - self.seen
+            pixels = self.right + cause.surface(self.light, self.grid) - self.seen
+            cosine = cause.surface(lambda vector: np.maximum(0, vector @ drawn.direction.T), self.grid[::FEW])
+            return pixels, self.covariance(cosine, drawn)
         if cause.placed:
+            height, width = self.envmap.height, self.envmap.width
             row, column, flux = self.blocks
-            placed = directions(*cause.placed(row, column, self.envmap.height, self.envmap.width))
-            image = shade(self.device, placed, flux, GRID, self.albedo)
-            return self.right + self._pixels(image) - self.seen
+            image = shade(self.device, directions(*cause.placed(row, column, height, width)), flux, GRID, self.albedo)
+            placed = directions(*cause.placed(drawn.row, drawn.column, height, width))
+            return self.right + self._pixels(image) - self.seen, self.covariance_of(placed, drawn)
         assert cause.effect
         if cause.by_pixels and self.small is not self.envmap:
             return None
         with np.errstate(over="ignore"):
-            other = np.minimum(cause.effect(self.small.radiance.astype(np.float64)), np.finfo(np.float32).max)
-        if np.array_equal(other.astype(np.float32), self.small.radiance):
+            radiance = np.minimum(cause.effect(self.small.radiance.astype(np.float64)), np.finfo(np.float32).max)
+        if np.array_equal(radiance.astype(np.float32), self.small.radiance):
             return None
-        return self._pixels(exact(self.device, EnvironmentMap(other), GRID, self.albedo))
+        other = EnvironmentMap(radiance)
+        of_other = population(other, DRAWN)
+        pixels = self._pixels(exact(self.device, other, GRID, self.albedo))
+        return pixels, self.covariance_of(of_other.direction, of_other)
+
+    @cached_property
+    def drawn(self) -> Population:
+        return population(self.envmap, DRAWN)
+
+    def covariance_of(self, direction: np.ndarray, drawn: Population) -> np.ndarray:
+        """That of the moments of one of the samples, if they come from these directions."""
+        return self.covariance(np.maximum(0, self.grid[::FEW] @ direction.T), drawn)
+
+    def covariance(self, cosine: np.ndarray, drawn: Population) -> np.ndarray:
+        """That of the moments of one of the samples, if they have these cosines with every fourth normal."""
+        each = moments_of_each(cosine, self.basis[::FEW], drawn.light * self.albedo, drawn.probability)
+        return (each * drawn.probability[:, None]).T @ each
 
     @cached_property
     def factors(self) -> dict[float, str]:
@@ -364,38 +399,39 @@ class _Check:
         sets = sampling.sets(self.of_samples)
         return Spread.of(np.einsum("si,si->s", sets, np.linalg.solve(covariance, sets.T).T))
 
-    def _covariance(self, expected: np.ndarray) -> np.ndarray:
-        """That of the moments of an image whose mean ones are ``expected``."""
-        size = max(float(expected @ expected), 1e-12 * float(self.true_moments @ self.true_moments))
+    def _covariance(self, expected: np.ndarray, of_one: np.ndarray | None = None, factor: float = 1.0) -> np.ndarray:
+        """That of the moments of an image whose mean ones are ``expected``, from that ``of_one`` sample."""
+        true_size = float(self.true_moments @ self.true_moments)
+        size = max(float(expected @ expected), 1e-12 * true_size)
         floor = np.eye(len(expected)) * (self.precision**2 * size)
         if self.of_samples is None:
             return self.noise + floor
-        relative = size / float(self.true_moments @ self.true_moments)
-        return self.reference.sampling.covariance * (relative / self.of_samples) + floor
+        if of_one is None:
+            return self.reference.sampling.covariance * (size / true_size / self.of_samples) + floor
+        return of_one * (factor**2 / self.of_samples) + floor
 
-    def expected_moments(self, hypothesis: _Hypothesis) -> np.ndarray:
-        """Those that it expects, with the factors that fit best."""
-        reference = self.reference
-        expected = self.true_moments + moments(self.grid_basis, hypothesis.pixels - reference.right)
-        return expected * np.resize(self.factor(hypothesis, expected), expected.shape)
+    def _unscaled(self, hypothesis: _Hypothesis) -> np.ndarray:
+        """The moments that it expects, but for factors."""
+        return self.true_moments + moments(self.grid_basis, hypothesis.pixels - self.reference.right)
 
-    def factor(self, hypothesis: _Hypothesis, expected: np.ndarray | None = None) -> np.ndarray:
-        """The factor on the brightness of each channel, (3,)."""
-        if expected is None:
-            expected = self.true_moments + moments(self.grid_basis, hypothesis.pixels - self.reference.right)
+    def factor(self, hypothesis: _Hypothesis) -> np.ndarray:
+        """The factor on the brightness of each channel that fits best, (3,)."""
+        expected = self._unscaled(hypothesis)
         if not hypothesis.factors:
             return np.ones(3)
         split = np.zeros((len(expected), hypothesis.factors))  # moments are in the order of polynomial, channel
         split[np.arange(len(expected)), np.arange(len(expected)) % hypothesis.factors] = expected
         rough = float(self.moments @ expected) / max(float(expected @ expected), 1e-300)
-        weighted = np.linalg.solve(self._covariance(expected * rough), split)
+        weighted = np.linalg.solve(self._covariance(expected * rough, hypothesis.covariance, rough), split)
         return np.resize(np.linalg.lstsq(split.T @ weighted, weighted.T @ self.moments, rcond=None)[0], 3)
 
     def off(self, hypothesis: _Hypothesis) -> float:
-        """Standard deviations between the image and what a hypothesis expects."""
-        expected = self.expected_moments(hypothesis)
+        """Standard deviations between the image and what a hypothesis expects, with the factors that fit best."""
+        factor = self.factor(hypothesis)
+        expected = self._unscaled(hypothesis) * np.resize(factor, self.moments.shape)
+        covariance = self._covariance(expected, hypothesis.covariance, float(factor.mean()))
         difference = self.moments - expected
-        return self.spread.deviations(float(difference @ np.linalg.solve(self._covariance(expected), difference)))
+        return self.spread.deviations(float(difference @ np.linalg.solve(covariance, difference)))
 
     def hypotheses(self) -> list[_Hypothesis]:
         """All explanations but the image's being right."""
@@ -404,14 +440,19 @@ class _Check:
         result = [_Hypothesis(reference.right, factors=scale) for scale in scales if scale]
         orientation = find_orientation(reference.table, self.normal, self.pixels)
         if str(orientation):
-            turned = reference.light(reference.grid @ orientation.matrix.T) - reference.seen
+            turned = reference.right + reference.light(reference.grid @ orientation.matrix.T) - reference.seen
+            covariance = reference.covariance_of(reference.drawn.direction @ orientation.matrix, reference.drawn)
             result += [
-                _Hypothesis(reference.right + turned, orientation=orientation, factors=scale) for scale in scales[:2]
+                _Hypothesis(turned, orientation=orientation, covariance=covariance, factors=scale)
+                for scale in scales[:2]
             ]
-        for cause, pixels in reference.causes:
+        for cause, pixels, covariance in reference.causes:
             if cause.picture and not self.linear:
                 continue
-            result += [_Hypothesis(pixels, cause=cause, factors=n) for n in (cause.factors if self.linear else (1,))]
+            result += [
+                _Hypothesis(pixels, cause=cause, covariance=covariance, factors=n)
+                for n in (cause.factors if self.linear else (1,))
+            ]
         return [self._named(h) for h in result if self._is_as_bright(h)]
 
     def _is_as_bright(self, hypothesis: _Hypothesis) -> bool:
@@ -441,7 +482,7 @@ class _Check:
         if self.count is None and rmse < CONVERGED:
             return told(True, f"agrees: relative RMSE {rmse:.2%}", right)
         if not self.shared:
-            by_cosine, noisy, events = self._by_cosine(right)
+            by_cosine, noisy, events = self._by_cosine()
             if by_cosine < LIMIT and noisy:
                 return told(True, f"agrees: relative RMSE {rmse:.2%}, as directions drawn by the cosine leave", right)
             if by_cosine < LIMIT and events < EVENTS:
@@ -484,7 +525,7 @@ class _Check:
                 return self.of_samples
         return 0
 
-    def _by_cosine(self, right: _Hypothesis) -> tuple[float, bool, float]:
+    def _by_cosine(self) -> tuple[float, bool, float]:
         """Of an image whose directions are drawn by the cosine: how far off it is in standard deviations, whether it
         is as noisy, and in how many samples all of its light would come if each had as much."""
         sampling, basis = self.reference.sampling, self.reference.basis
@@ -495,7 +536,7 @@ class _Check:
             drawn[:, c, :, c] = (basis * square[:, [c]]).T @ basis / (len(basis) * count)
         of_pixels = drawn.reshape(self.noise.shape)
         noisy = float(np.trace(self.noise) / np.trace(of_pixels))
-        difference = self.moments - self.expected_moments(right)
+        difference = self.moments - self.true_moments
         covariance = of_pixels * min(1.5 * noisy, 1) + self._covariance(self.true_moments)
         size = float(difference @ np.linalg.solve(covariance, difference))
         events = count * float((sampling.mean**2).mean() / square.mean())
@@ -549,7 +590,7 @@ class _Check:
 
         def told(agrees: bool | None, verdict: str, best: _Hypothesis) -> ImageCheck:
             factor = self.factor(_Hypothesis(best.pixels, factors=1)) if not self.linear else np.ones(3)
-            expected = self.true_moments + moments(self.grid_basis, best.pixels - self.reference.right)
+            expected = self._unscaled(best)
             found, of_best = self.moments.reshape(-1, 3), expected.reshape(-1, 3)
             by_channel = (found * of_best).sum(axis=0) / np.maximum((of_best**2).sum(axis=0), 1e-300)
             truth = self.exact * factor if self.linear else np.minimum(self.exact * factor, 1)

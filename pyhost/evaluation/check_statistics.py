@@ -93,13 +93,12 @@ class Sampling:
 
     def __init__(self, envmap: EnvironmentMap, albedo: float, normal: np.ndarray) -> None:
         self._known: dict[int, tuple[np.ndarray, float, float]] = {}  # what was drawn, by count
-        direction, colour, self.luminance, self.flux, self.probability = population(envmap)
-        light = colour * (self.flux * albedo / math.pi)  # of a set of that sample alone
-        self.cosine = np.maximum(0, normal @ direction.T)  # (P, S)
-        self.light, p = light, self.probability
-        of_cosine = self.cosine.T @ zernike(normal) / len(normal)
-        self.moments = (of_cosine[:, :, None] * light[:, None, :]).reshape(len(light), -1)
-        self.moments -= p @ self.moments
+        drawn = population(envmap, SAMPLES)
+        self.luminance, self.flux, self.probability = drawn.luminance, drawn.flux, drawn.probability
+        self.cosine = np.maximum(0, normal @ drawn.direction.T)  # (P, S)
+        self.light, p = drawn.light * albedo, self.probability
+        light = self.light
+        self.moments = moments_of_each(self.cosine, zernike(normal), light, p)
         self.covariance = (self.moments * p[:, None]).T @ self.moments
         self.mean = self.cosine @ (light * p[:, None])
         square = (self.mean**2).mean()
@@ -132,27 +131,50 @@ class Sampling:
         return self.cosine @ (self.light**2 * (math.pi * self.probability * self.luminance / self.flux)[:, None])
 
 
-def population(envmap: EnvironmentMap) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, np.ndarray]:
-    """Samples that stand for all: directions (S, 3), L / I (S, 3), I (S,), the map's flux, and probabilities (S,).
+@dataclass(frozen=True)
+class Population:
+    """Samples that stand for all.
 
-    Half of them lie where the light is, and half all over the sphere, so that rare ones are there too.
+    - ``row`` and ``column``: (S,) places in the map, in pixels, whole numbers at centres; ``direction``: (S, 3)
+    - ``light``: (S, 3), the radiance that a white surface which faces it has of a set of that sample alone
+    - ``luminance``: (S,); ``flux``: the whole map's; ``probability``: (S,)
     """
+
+    row: np.ndarray
+    column: np.ndarray
+    direction: np.ndarray
+    light: np.ndarray
+    luminance: np.ndarray
+    flux: float
+    probability: np.ndarray
+
+
+def population(envmap: EnvironmentMap, count: int) -> Population:
+    """``count`` samples, half of them where the light is, and half all over the sphere, for rare ones to be there."""
     height, width = envmap.height, envmap.width
     area = solid_angles(height, width)[:, None]
     light = envmap.radiance.mean(axis=2, dtype=np.float64)
     flux = light * area
-    total = flux.sum()
+    total = float(flux.sum())
     even = area * (light > 0)
     mixed = flux / total + even / even.sum()
     steps = np.cumsum(mixed)
-    index = np.searchsorted(steps, (np.arange(SAMPLES) + 0.5) / SAMPLES * steps[-1]).clip(max=mixed.size - 1)
+    index = np.searchsorted(steps, (np.arange(count) + 0.5) / count * steps[-1]).clip(max=mixed.size - 1)
     probability = flux.reshape(-1)[index] / mixed.reshape(-1)[index]
     y, x = index // width, index % width
-    within = np.random.default_rng(0).random((2, SAMPLES))  # some programs draw from all of a pixel
-    towards = directions(np.pi * (y + within[0]) / height, 2 * np.pi * (x + within[1]) / width)
-    chosen = light[y, x]
-    colour = envmap.radiance[y, x].astype(np.float64) / chosen[:, None]
-    return towards, colour, chosen, float(total), probability / probability.sum()
+    within = np.random.default_rng(0).random((2, count)) - 0.5  # some programs draw from all of a pixel
+    row, column = y + within[0], x + within[1]
+    towards = directions(np.pi * (row + 0.5) / height, 2 * np.pi * (column + 0.5) / width)
+    colour = envmap.radiance[y, x].astype(np.float64) / light[y, x, None]
+    each = colour * (total / math.pi)
+    return Population(row, column, towards, each, light[y, x], total, probability / probability.sum())
+
+
+def moments_of_each(cosine: np.ndarray, basis: np.ndarray, light: np.ndarray, probability: np.ndarray) -> np.ndarray:
+    """Moments (S, 45) of sets of one sample, but for their mean, from its cosines (P, S)."""
+    of_cosine = cosine.T @ basis / len(basis)
+    result = (of_cosine[:, :, None] * light[:, None, :]).reshape(len(light), -1)
+    return result - probability @ result
 
 
 def noise_of(basis: np.ndarray, residual: np.ndarray, side: int) -> np.ndarray:
