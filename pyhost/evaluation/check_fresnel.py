@@ -116,9 +116,9 @@ Curves = tuple[np.ndarray | None, np.ndarray | None, np.ndarray | None]
 def read_curves(path: str | Path) -> tuple[np.ndarray, Curves]:
     """Angles in radians, and reflectances of unpolarised light, of p and of s, of a CSV or NPZ file.
 
-    See :mod:`lightdome.evaluation.check_tables`. An angle is in degrees or radians as its column's name says; without
-    a word, values above pi / 2 are degrees. Raises :class:`LightdomeError` for a file that cannot be read, or lacks
-    angles or reflectances.
+    See :mod:`lightdome.evaluation.check_tables`. Angles are in degrees or radians, as their column is named; without a
+    word, values above pi / 2 are degrees.
+    Raises :class:`LightdomeError` for a file that cannot be read, or lacks angles or reflectances.
     """
     table = read_table(path)
     name = next((name for start in ANGLES for name in table if name.startswith(start)), None)

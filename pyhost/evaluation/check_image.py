@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -369,7 +370,7 @@ class _Check:
             valid[mask] = self.valid
             self.basis = self.basis * self.valid[:, None]
             self.grid_basis = self.grid_basis * valid[at[:, None], at][reference.mask][:, None]
-        both = ("centres", "areas")  # either integral is right: that which is closer
+        both: tuple[Literal["centres", "areas"], ...] = ("centres", "areas")  # either is right: that which is closer
         images = [exact_kept(reference.device, reference.envmap, side, pixels) for pixels in both]
         self.exact = min(
             (image.astype(np.float64) * reference.albedo for image in images),
