@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-SEQUENCES = ("independent", "stratified", "sobol", "r2")  # points of samples that all pixels share
+SEQUENCES = ("independent", "stratified", "sobol", "r2", "lattice")  # points of samples that all pixels share
 WITHIN = ("centre", "pixel")  # where in its pixel the direction of a sample lies
-PIXEL_SEQUENCES = ("independent", "sobol")  # points of samples for every pixel
+PIXEL_SEQUENCES = ("independent", "sobol", "lattice")  # points of samples for every pixel
 CONVENTIONS = ("lightdome", "pbrt", "mitsuba", "cycles", "gltf", "skylibs")  # of maps: lightdome.maps.conventions
 
 LIGHT_METHODS = ("median-cut", "sun+median-cut", *SEQUENCES)  # how a map becomes a few lights
