@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Search LATTICE_GENERATOR of clkernels/rendering/pixel_block.clh, and show what it and the generators for known n are worth.
+"""Search LATTICE_GENERATOR of clkernels/rendering/pixel_block.clh, and show what it is worth beside those for one n.
 
 P2 is the squared error of the worst of the periodic functions whose Fourier coefficients fall as 1 / (h k)^2, but for a
 factor (Sloan and Joe, Lattice Methods for Multiple Integration, 1994, 4.4). A point set for pixels has to be good at
@@ -10,8 +10,8 @@ import numpy as np
 from lightdome.sampling.lattice import generator
 
 SMALLEST, LARGEST = 3, 20  # log2 of the numbers of points
-KEPT = 256  # generators, from one number of points to the next; fewer of many points, which take long
-KEPT_LARGE = 32
+KEPT = 64  # generators, from one number of points to the next; fewer of many points, which take long
+KEPT_LARGE = 8
 
 
 def p2(n: int, g: int) -> float:
