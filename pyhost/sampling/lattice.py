@@ -17,7 +17,7 @@ TRIED = 512
 
 
 def figure_of_merit(n: int, generators: np.ndarray) -> np.ndarray:
-    """The smallest product |h k| of dual frequencies h, k != 0 for each of ``generators``, (G,) int64, prime to ``n``."""
+    """The least product |h k| of dual frequencies h, k != 0, for each of ``generators``, (G,) int64, prime to ``n``."""
     # Such an h and k are the remainder and the factor of a step of Euclid's algorithm.
     before, rest = np.full_like(generators, n), generators % n
     factor_before, factor = np.zeros_like(generators), np.ones_like(generators)

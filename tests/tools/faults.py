@@ -238,11 +238,12 @@ FAULTS: list[Fault] = [
         ("test_streaming.py",),
     ),
     kernel(
-        "lattice: sums of generators leave the range",
+        "lattice block: every block begins at the first point",
         "sequence.clh",
-        "step[k - 1] >= n - generator ? n : 0",
-        "step[k - 1] > n - generator ? n : 0",
-        "off by one: n itself is not taken off",
+        "step[0] = (ulong)begin * generator % n;",
+        "step[0] = 0;",
+        "the beginning of a block forgotten",
+        ("test_device_agreement.py",),
     ),
     kernel(
         "lattice block: one shift for both axes",
