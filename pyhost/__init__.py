@@ -3,7 +3,7 @@
     import lightdome
 
     device = lightdome.open_device()
-    envmap = lightdome.EnvironmentMap.read("map.exr")
+    envmap = lightdome.EnvironmentMap.read(lightdome.default_map())  # or a file of yours
     distribution = lightdome.build_distribution(device, envmap)
     samples = distribution.sample(1024, seed=1)
     image = lightdome.shade_samples(device, samples, resolution=511)
@@ -50,14 +50,21 @@ if TYPE_CHECKING:
         sampling,
     )
     from .errors import LightdomeError
+    from .evaluation.check_fresnel import check_fresnel
+    from .evaluation.check_image import check_image
+    from .evaluation.check_lights import check_lights
+    from .evaluation.check_pdf import check_pdf
+    from .evaluation.check_samples import check_samples
     from .lighting.exact import exact
     from .lighting.harmonics import Harmonics, project, shade_harmonics
     from .lighting.light_files import write_csv, write_lights, write_pbrt
     from .lighting.lights import Lights
     from .lighting.median_cut import median_cut
     from .lighting.shade import shade, shade_samples
+    from .maps.default_map import default_map
     from .maps.envmap import EnvironmentMap
     from .maps.images import ImageRows, auto_exposure, read_image, tone_map, write_image
+    from .maps.pictures import show
     from .opencl.device import Device, open_device
     from .sampling.distribution import Distribution, build_distribution
     from .sampling.samples import Samples
@@ -70,7 +77,13 @@ _HOME = {
     "Distribution": "sampling.distribution",
     "build_distribution": "sampling.distribution",
     "EnvironmentMap": "maps.envmap",
+    "default_map": "maps.default_map",
     "LightdomeError": "errors",
+    "check_fresnel": "evaluation.check_fresnel",
+    "check_image": "evaluation.check_image",
+    "check_lights": "evaluation.check_lights",
+    "check_pdf": "evaluation.check_pdf",
+    "check_samples": "evaluation.check_samples",
     "Harmonics": "lighting.harmonics",
     "project": "lighting.harmonics",
     "shade_harmonics": "lighting.harmonics",
@@ -79,6 +92,7 @@ _HOME = {
     "read_image": "maps.images",
     "tone_map": "maps.images",
     "write_image": "maps.images",
+    "show": "maps.pictures",
     "Lights": "lighting.lights",
     "write_csv": "lighting.light_files",
     "write_lights": "lighting.light_files",
@@ -103,6 +117,12 @@ __all__ = [
     "__version__",
     "auto_exposure",
     "build_distribution",
+    "check_fresnel",
+    "check_image",
+    "check_lights",
+    "check_pdf",
+    "check_samples",
+    "default_map",
     "exact",
     "median_cut",
     "open_device",
@@ -112,6 +132,7 @@ __all__ = [
     "shade",
     "shade_harmonics",
     "shade_samples",
+    "show",
     "tone_map",
     "write_csv",
     "write_image",
