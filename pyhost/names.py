@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-SEQUENCES = ("independent", "stratified", "sobol", "r2")  # points of samples that all pixels share
+SEQUENCES = ("independent", "stratified", "sobol", "r2", "lattice")  # points of samples that all pixels share
 WITHIN = ("centre", "pixel")  # where in its pixel the direction of a sample lies
 PIXELS = ("centres", "areas")  # what exact images take the map's pixels for
-PIXEL_SEQUENCES = ("independent", "sobol")  # points of samples for every pixel
+PIXEL_SEQUENCES = ("independent", "sobol", "lattice")  # points of samples for every pixel
 PROJECTIONS = (
     "latlong",
     "angular",
