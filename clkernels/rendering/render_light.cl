@@ -43,7 +43,7 @@ kernel void render_light(global const float *restrict radiance,
         block_directions w;
         next_points(&block.streams, s, across, down);
         pick_pixels(&map, across, down, BLOCK, x, y);
-        block_centres(theta, phi, x, y, &w);
+        block_centres(theta, phi, x, y, BLOCK, &w);
 
         // c L / S
         float c[BLOCK];

@@ -49,7 +49,7 @@ kernel void render_product(global const uint *restrict tile_row_cdf,
         // (L / S) (c / C)
         block_directions w;
         float weight[BLOCK];
-        block_centres(theta, phi, x, y, &w);
+        block_centres(theta, phi, x, y, BLOCK, &w);
         cosine_ratios(&cdfs, &tiles, i, j, &block.normal, &w, weight);
         block_add_colours(&block.samples, radiance, width, scale, x, y, weight);
     }

@@ -51,7 +51,7 @@ kernel void render_product_areas(global const uint *restrict tile_row_cdf,
         // (L / S) (c / C)
         block_directions w;
         float weight[BLOCK];
-        block_placed(edge, width, x, y, place_across, place_down, &w);
+        float_directions(edge, width, x, y, place_across, place_down, &w);
         cosine_ratios(&cdfs, &tiles, i, j, &block.normal, &w, weight);
         block_add_colours(&block.samples, radiance, width, scale, x, y, weight);
     }

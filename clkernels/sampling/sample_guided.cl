@@ -33,11 +33,11 @@ kernel void sample_guided(global const uint *restrict row_cdf,
     const guided_map map = {row_cdf, marginal_cdf, marginal_guide, row_guide, row_total, marginal_shift, row_shift,
                             width, height};
     pick_pixels(&map, across, down, n, x, y);
-    block_angles angles;
-    load_centres(theta, phi, x, y, n, &angles);
-    store_lights(radiance, width, scale, inverse_total, x, y, angles.sin_theta, begin, n, sample_radiance, pixel,
+    block_directions w;
+    block_centres(theta, phi, x, y, n, &w);
+    store_lights(radiance, width, scale, inverse_total, x, y, w.sin_theta, begin, n, sample_radiance, pixel,
                  probability);
     move_within_pixels(row_cdf, marginal_cdf, row_versines, points, width, height, count, seed, across, down, x, y, begin,
-                       n, &angles);
-    store_directions(&angles, begin, n, direction);
+                       n, &w);
+    store_directions(&w, begin, n, direction);
 }
