@@ -1,11 +1,11 @@
 // Per-pixel Monte Carlo of the diffuse sphere, with light samples that know about the cosine: see product_block.clh.
 //
-// This is render_product.cl, but directions are even over the solid angle of the map's pixels, so it converges to the
-// integral over areas (exact_areas.cl). The cells' cones hold their pixels whole (cells.cl).
+// This is render_product.cl, except that directions are uniform over the solid angle of the map's pixels, so it
+// converges to the integral over areas (exact_areas.cl). The cells' cones hold whole pixels (cells.cl).
 //
 // edge  cos(theta) at the height + 1 borders of rows
 //
-// One work-item BLOCK pixels, in short loops.
+// One work-item per BLOCK pixels, in short loops.
 
 #include "rendering/product_block.clh"
 
