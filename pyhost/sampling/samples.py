@@ -20,7 +20,7 @@ from ..names import SEQUENCES as SEQUENCES
 from ..names import WITHIN
 
 MAX_SAMPLES = 2**27  # what a file may hold; 44 bytes each
-MAX_INFLATION = 64  # `save` packs nothing; what others packed is far from this, but a bomb is not
+MAX_INFLATION = 64  # arrays to file: `save` does not compress, and other programs stay far below this, but not a bomb
 MAX_SIDE = 2**20  # of a map
 
 
@@ -32,7 +32,7 @@ class Samples:
     - ``radiance``: (N, 3) float32, of the chosen pixels
     - ``probability``: (N,) float32, the discrete p(x, y) of the chosen pixels
     - ``pixel``: (N, 2) int32, (x, y)
-    - ``sequence``, ``seed``, ``version``: what drew them; the same three and ``within`` draw them again
+    - ``sequence``, ``seed``, ``version``: what drew them; together with ``within`` they draw the same samples again
     - ``within``: where the directions lie: at the ``centre`` of the chosen pixels, or anywhere in the ``pixel``
 
     The arrays are read-only. ``Samples(...)`` copies them and raises :class:`LightdomeError` where they contradict
@@ -124,7 +124,7 @@ def check_count(count: int) -> None:
         raise LightdomeError(f"a file must hold {MAX_SAMPLES} samples or fewer, got {count}; use fewer samples")
 
 
-# What a file must hold, with the kinds of its types.
+# The arrays that a file must hold, and the kinds of their types.
 _KINDS = {
     "direction": "f",
     "radiance": "f",
@@ -139,16 +139,16 @@ _KINDS = {
 
 
 def _arrays(path: Path) -> dict[str, object]:
-    """The arrays of an ``.npz``, each after a look at its header, so that no lie there costs memory."""
+    """The arrays of an ``.npz``; headers are checked first, so that a false one costs no memory."""
     arrays: dict[str, object] = {}
     with _parsing(path):
         room = MAX_INFLATION * path.stat().st_size
-        if not path.is_file():  # a pipe would be waited for
+        if not path.is_file():  # a pipe would block
             raise LightdomeError(f"cannot read {path}: it is no ordinary file")
         with zipfile.ZipFile(path) as archive:
             for name, kinds in _KINDS.items():
                 if f"{name}.npy" not in archive.namelist():
-                    if name == "within":  # files of versions that knew centres only
+                    if name == "within":  # written by a version that knew centres only
                         continue
                     raise LightdomeError(f"{path} is no file of samples: it has no array {name!r}")
                 member = archive.getinfo(f"{name}.npy")
@@ -172,7 +172,7 @@ def _arrays(path: Path) -> dict[str, object]:
 
 @contextmanager
 def _parsing(path: Path) -> Iterator[None]:
-    """Tell of a damaged file in one line: what zipfile, zlib and numpy raise and warn of then has no common class."""
+    """Report a damaged file in one line: what zipfile, zlib and numpy raise, or warn about, has no common class."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
