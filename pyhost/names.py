@@ -7,7 +7,19 @@ from typing import Literal
 
 SEQUENCES = ("independent", "stratified", "sobol", "r2")  # points of samples that all pixels share
 WITHIN = ("centre", "pixel")  # where in its pixel the direction of a sample lies
+PIXELS = ("centres", "areas")  # what exact images take the map's pixels for
 PIXEL_SEQUENCES = ("independent", "sobol")  # points of samples for every pixel
+PROJECTIONS = (
+    "latlong",
+    "angular",
+    "mirror",
+    "cube-cross",
+    "cube-cross-horizontal",
+    "cube-strip",
+    "cube-strip-horizontal",
+    "cube-openexr",
+    "octahedral",
+)  # of maps, see lightdome.maps.projections
 CONVENTIONS = ("lightdome", "pbrt", "mitsuba", "cycles", "gltf", "skylibs")  # of maps: lightdome.maps.conventions
 
 LIGHT_METHODS = ("median-cut", "sun+median-cut", *SEQUENCES)  # how a map becomes a few lights
@@ -37,8 +49,11 @@ COMMANDS = {
     "sample": Command("part2_sample", "draw light samples from a map, and show where they fall"),
     "shade": Command("part3_shade", "shade a sphere with samples that all pixels share"),
     "render": Command("part4_pbrt", "render the sphere with fresh samples for every pixel"),
+    "convert": Command("convert", "write a map in another projection"),
+    "exact": Command("exact", "sum the sphere's image over every pixel of a map: what estimators converge to"),
     "lights": Command("lights", "turn a map into a few lights, as a file for another program"),
     "fresnel": Command("part1_fresnel", "plot the Fresnel reflectance of a dielectric"),
+    "check": Command("check", "say whether another program's image is right, and if not, what is wrong"),
     "bench": Command("bench", "measure the error of each method against its run time"),
     "roofline": Command("roofline", "measure each stage against what the machine can do"),
     "stability": Command("stability", "try samplers on maps that break samplers"),

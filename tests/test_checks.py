@@ -126,7 +126,7 @@ WRONG: dict[str, tuple[Callable[[Given], object], tuple[str, ...]]] = {
     "wide direction": (lambda g: shade(g.device, np.ones((1, 4)), FLUX), ("(N, 3)", "(1, 4)")),
     "texts": (lambda g: shade(g.device, [["a", "b", "c"]], FLUX), ("real numbers",)),
     "ragged": (lambda g: shade(g.device, [[1, 0, 0], [1]], FLUX), ("(N, 3)", "[[1, 0, 0], [1]]")),
-    "complex": (lambda g: shade(g.device, UP.astype(complex), FLUX), ("real numbers", "complex")),
+    "complex": (lambda g: shade(g.device, UP.astype(complex), FLUX), ("real numbers of shape (N, 3), got", "complex")),
     "more directions": (lambda g: shade(g.device, np.repeat(UP, 2, 0), FLUX), ("2 and 1",)),
     "more fluxes": (lambda g: shade(g.device, np.zeros((0, 3)), FLUX), ("0 and 1",)),
     "negative flux": (lambda g: shade(g.device, UP, -FLUX), ("flux", "-1")),

@@ -8,16 +8,19 @@ itself exits with 2 on a wrong command line. Defects of lightdome keep their tra
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
+import os
 import sys
 import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..errors import LightdomeError, exactly
 from ..files import utf8_name
-from ..names import COMMANDS, CONVENTIONS
+from ..maps.default_map import default_map
+from ..names import COMMANDS, CONVENTIONS, PROJECTIONS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -25,6 +28,9 @@ if TYPE_CHECKING:
     from ..decisions import Decision
     from ..maps.envmap import EnvironmentMap
     from ..opencl.device import Device
+
+LINEAR, DISPLAYED = ["pfm", "exr"], ["ppm", "png"]  # formats of images, of radiance and of 8-bit values
+FORMATS = ["pfm", "ppm", "png"]
 
 
 class _Help(argparse.HelpFormatter):
@@ -41,12 +47,25 @@ class _Help(argparse.HelpFormatter):
         return "\n\n".join(super(_Help, self)._fill_text(part, width, indent) for part in text.split("\n\n"))
 
 
+class Parser(argparse.ArgumentParser):
+    """A parser that answers a shell's question how a command line goes on, where argcomplete is installed."""
+
+    def parse_args(self, *arguments: Any, **options: Any) -> argparse.Namespace:  # type: ignore[override]
+        """As usual, unless a shell asks: then print its answer and exit."""
+        if "_ARGCOMPLETE" in os.environ:
+            with contextlib.suppress(ImportError):
+                import argcomplete
+
+                argcomplete.autocomplete(self)
+        return super().parse_args(*arguments, **options)
+
+
 def parser(description: str, example: str, out: str | None = None) -> argparse.ArgumentParser:
     """An argument parser with the look that all commands share, and the option ``--out`` if there is a default.
 
     The first paragraph of ``description`` is the purpose in one line; ``example`` holds the arguments of one.
     """
-    result = argparse.ArgumentParser(
+    result = Parser(
         prog=Path(sys.argv[0]).name,
         description=description,
         epilog=f"example: {program()} {example}".rstrip(),
@@ -70,9 +89,9 @@ def _is_script() -> bool:
 
 
 def _data_folder() -> Path:
-    """``data/`` beside the folder of the script that runs, else beside the package, where a clone has it."""
+    """``data/`` beside the folder of the script that runs, else that of the map that ships."""
     of_script = Path(sys.argv[0]).resolve().parent.parent / "data"
-    return of_script if _is_script() and of_script.is_dir() else Path(__file__).resolve().parents[2] / "data"
+    return of_script if _is_script() and of_script.is_dir() else default_map().parent
 
 
 def map_options(parser: argparse.ArgumentParser, positional: bool = False) -> None:
@@ -88,8 +107,9 @@ def map_options(parser: argparse.ArgumentParser, positional: bool = False) -> No
         type=Path,
         metavar="MAP" if positional else "FILE",
         default=None if positional else (grace if grace.exists() else data / "default.exr"),
-        help="latitude-longitude environment map: .exr, .hdr or .pfm",
+        help="environment map: .exr, .hdr or .pfm",
     )
+    projection_option(parser)
     parser.add_argument(
         "--layer",
         metavar="NAME",
@@ -105,6 +125,17 @@ def map_options(parser: argparse.ArgumentParser, positional: bool = False) -> No
     )
     parser.add_argument("--flip", action="store_true", help="reverse the rows, for a file that was written upside down")
     orientation_options(parser)
+
+
+def projection_option(parser: argparse.ArgumentParser) -> None:
+    """Add ``--projection``."""
+    parser.add_argument(
+        "--projection",
+        choices=PROJECTIONS,
+        metavar="NAME",
+        help=f"how the map lies in its file: {', '.join(PROJECTIONS)} (default: what its header, its sides and black"
+        " corners say)",
+    )
 
 
 def orientation_options(parser: argparse.ArgumentParser) -> None:
@@ -145,6 +176,8 @@ def map_arguments(args: argparse.Namespace) -> list[object]:
     if args.sanitize:
         result += ["--sanitize", args.sanitize]
     result += [f"--{name}" for name in ("flip", "mirror") if getattr(args, name)]
+    if args.projection:
+        result += ["--projection", args.projection]
     if args.convention != CONVENTIONS[0]:
         result += ["--convention", args.convention]
     return result + (["--rotate", *args.rotate] if args.rotate else [])
@@ -162,7 +195,12 @@ def load_map(args: argparse.Namespace) -> EnvironmentMap:
     from ..maps.envmap import EnvironmentMap  # only here: a script without a map needs no image library
 
     envmap = EnvironmentMap.read(
-        args.map, sanitize=args.sanitize, layer=args.layer, flip=args.flip, convention=args.convention
+        args.map,
+        sanitize=args.sanitize,
+        layer=args.layer,
+        flip=args.flip,
+        projection=args.projection,
+        convention=args.convention,
     )
     envmap = turned(args, envmap)
     for note in (*envmap.notes, envmap.shape_note, envmap.replaced and envmap.replaced.note):
@@ -259,8 +297,17 @@ def sphere_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def tone_options(parser: argparse.ArgumentParser) -> None:
-    """Add ``--gamma`` and ``--exposure``, which only the pictures for the eye use."""
+def image_options(parser: argparse.ArgumentParser) -> None:
+    """Add ``--format``, and ``--gamma`` and ``--exposure``, which only the pictures for the eye use."""
+    parser.add_argument(
+        "--format",
+        nargs="+",
+        choices=LINEAR + DISPLAYED,
+        default=FORMATS,
+        metavar="FORMAT",
+        help=f"formats of the images: {' and '.join(LINEAR)} hold linear radiance, {' and '.join(DISPLAYED)} are for"
+        " the eye",
+    )
     parser.add_argument("--gamma", type=positive_float, default=2.2, help="gamma of the .ppm and .png files")
     parser.add_argument(
         "--exposure",
@@ -269,6 +316,25 @@ def tone_options(parser: argparse.ArgumentParser) -> None:
         metavar="FACTOR",
         help="factor on the radiance in the .ppm and .png files, or auto: the 95th percentile becomes white",
     )
+
+
+def write_images(args: argparse.Namespace, path: Path, pixels: np.ndarray) -> list[str]:
+    """Write ``pixels`` in those formats of ``--format`` that hold them, radiance or 8-bit; the names of the files.
+
+    ``path`` is without a suffix.
+    """
+    from ..maps.images import write_image
+
+    formats = LINEAR if pixels.dtype.kind == "f" else DISPLAYED
+    names = [f"{path.name}.{name}" for name in formats if name in args.format]
+    for name in names:
+        write_image(path.with_name(name), pixels)
+    return names
+
+
+def formats(args: argparse.Namespace) -> str:
+    """The suffixes of ``--format``, as they follow a file's name in what a command says."""
+    return ", ".join(f".{name}" for name in dict.fromkeys(args.format))
 
 
 def output_folder(path: Path, images: bool = False) -> Path:

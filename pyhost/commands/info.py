@@ -6,6 +6,7 @@ import json
 import sys
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,6 +37,7 @@ def main() -> None:
     parser.add_argument("maps", type=Path, nargs="+", metavar="MAP", help="environment maps: .exr, .hdr or .pfm")
     parser.add_argument("--layer", metavar="NAME", help="layer or part of an .exr file that is the map")
     parser.add_argument("--flip", action="store_true", help="reverse the rows, for a file that was written upside down")
+    cli.projection_option(parser)
     cli.orientation_options(parser)
     parser.add_argument(
         "--json", action="store_true", help="print a JSON object, or a list of them for several maps, and no text"
@@ -52,15 +54,10 @@ def main() -> None:
             raise LightdomeError("--split-sun needs maps of different names; give those of one name one by one")
         cli.output_folder(args.split_sun, images=True)
 
-    from ..maps.analysis import analyse
-    from ..maps.images import ImageRows
-
     found, failed = [], False
     for path in args.maps:
         try:
-            image = ImageRows(path, layer=args.layer, flip=args.flip)
-            image.reorder(cli.map_columns(args, image.width))
-            analysis = analyse(image)
+            analysis = examine(args, path)
             found.append({"file": str(path), **analysis.to_dict()})
             if not args.json:
                 print("\n".join(([""] if len(found) > 1 else []) + list(lines(path, analysis))))
@@ -75,13 +72,40 @@ def main() -> None:
         sys.exit(1)
 
 
+def examine(args: Namespace, path: Path) -> Analysis:
+    """The analysis of a file in bands, or of the map that another projection than latlong is resampled to."""
+    from ..maps.analysis import analyse
+    from ..maps.conversion import convert
+    from ..maps.envmap import EnvironmentMap, read_projected
+    from ..maps.images import ImageRows
+
+    image = ImageRows(path, layer=args.layer, flip=args.flip)
+    if args.projection != "latlong" and (args.projection or image.is_cube or image.width != 2 * image.height):
+        read = read_projected(
+            path,
+            sanitize="clamp",
+            layer=args.layer,
+            flip=args.flip,
+            projection=args.projection,
+            convention=args.convention,
+        )
+        if read.projection != "latlong":
+            analysis = analyse(cli.turned(args, EnvironmentMap(convert(read.radiance, read.projection))))
+            remarks = (*read.notes, *([read.replaced.note] if read.replaced else []), *analysis.notes)
+            return replace(analysis, projection=f"{read.projection}, resampled to latlong", notes=remarks)
+    image.reorder(cli.map_columns(args, image.width))
+    return analyse(image)
+
+
 def write_split(args: Namespace, path: Path) -> None:
     from ..maps.analysis import split_sun
     from ..maps.envmap import EnvironmentMap
     from ..maps.images import write_image
 
     try:
-        envmap = EnvironmentMap.read(path, layer=args.layer, flip=args.flip, convention=args.convention)
+        envmap = EnvironmentMap.read(
+            path, layer=args.layer, flip=args.flip, projection=args.projection, convention=args.convention
+        )
         split = split_sun(cli.turned(args, envmap))
     except LightdomeError as error:
         raise LightdomeError(f"{path}: {error}" if str(path) not in str(error) else str(error)) from error
@@ -95,7 +119,7 @@ def write_split(args: Namespace, path: Path) -> None:
 def lines(path: Path, analysis: Analysis) -> Iterator[str]:
     """The analysis for people, verdicts first."""
     size = f"{analysis.width_pixels} x {analysis.height_pixels}"
-    yield f"{path}: {size}, {analysis.format}, {analysis.projection}"
+    yield ", ".join(filter(None, (f"{path}: {size}", analysis.format, analysis.projection)))
     clipping = analysis.clipping
     yield _line("clipping", f"{clipping.verdict}: {clipping.reason}")
     yield _line("sun", _sun(analysis.sun) if analysis.sun else f"no sun: {analysis.no_sun_reason}")
@@ -125,8 +149,9 @@ def lines(path: Path, analysis: Analysis) -> Iterator[str]:
         yield _rgb(label, getattr(analysis, f"irradiance_{side}_rgb_radiance_sr"))
 
     yield "concentration"
-    if analysis.mean_direction_azimuth_degrees is not None:
-        angles = _angles(analysis.mean_direction_azimuth_degrees, analysis.mean_direction_elevation_degrees)
+    azimuth, elevation = analysis.mean_direction_azimuth_degrees, analysis.mean_direction_elevation_degrees
+    if azimuth is not None and elevation is not None:
+        angles = _angles(azimuth, elevation)
         yield _line("mean towards", f"{angles}, length {analysis.mean_direction_length:.2f} of 1")
     shares = [analysis.flux_share_of_1_pixel, analysis.flux_share_of_10_pixels, analysis.flux_share_of_100_pixels]
     percent = ", ".join(f"{100 * share:.3g} %" for share in shares)

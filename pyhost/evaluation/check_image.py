@@ -75,6 +75,7 @@ class ImageCheck:
       right
     - ``expected``: what so many samples leave, if a number was given
     - ``image``, ``exact``: (R, R, 3), as compared
+    - ``file_shape``: height and width of the image as it was given
     """
 
     agrees: bool | None
@@ -91,6 +92,7 @@ class ImageCheck:
     expected: Expected | None
     image: np.ndarray
     exact: np.ndarray
+    file_shape: tuple[int, int]
     notes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, object]:
@@ -440,6 +442,7 @@ class _Check:
         linear: bool,
     ) -> None:
         self.device, self.envmap, self.count, self.albedo, self.linear = device, envmap, count, albedo, linear
+        self.file_shape = image.shape[:2]
         self.disc = find_disc(image)
         self.image = seen_in(image, self.disc)
         side = len(self.image)
@@ -615,4 +618,5 @@ class _Check:
             expected=self.expected,
             image=self.image,
             exact=truth,
+            file_shape=self.file_shape,
         )

@@ -1,4 +1,4 @@
-"""An environment map on the host: image files, the map, the geometry of its pixels, and what is in it."""
+"""An environment map on the host: image files, the map, its pixels' geometry and projection, and what is in it."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ from importlib import import_module
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
-    from .analysis import analyse, split_sun  # noqa: F401
+    from .analysis import analyse as analyse
+    from .analysis import split_sun as split_sun
+    from .conversion import convert as convert
 else:
 
     def __getattr__(name: str) -> object:
         # When first used: the geometry alone needs no image library.
-        if name in ("analyse", "split_sun"):
-            return getattr(import_module(".analysis", __name__), name)
+        home = {"analyse": "analysis", "split_sun": "analysis", "convert": "conversion"}.get(name)
+        if home:
+            return getattr(import_module(f".{home}", __name__), name)
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

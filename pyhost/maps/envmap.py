@@ -17,8 +17,10 @@ from .. import checks
 from ..errors import LightdomeError
 from ..float_range import LARGEST, LARGEST_HALF
 from .conventions import yaw_between
+from .conversion import check_fits, convert, detected
 from .geometry import row_angles
 from .images import ImageRows, read_image
+from .pictures import show
 from .projections import PROJECTIONS
 from .resample import resample
 from .rotation import rotation_matrix, whole_columns
@@ -55,7 +57,7 @@ class Replaced:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class EnvironmentMap:
     """Radiance by direction: ``radiance`` is (H, W, 3) float32, finite, 0 or above, and read-only.
 
@@ -64,6 +66,8 @@ class EnvironmentMap:
     ``"black"``, or True, makes each bad value 0; ``"clamp"`` makes infinite ones the largest finite value of the
     array's type, 65504 for half floats, and others 0. ``notes`` are remarks on the file that :meth:`read` read: the
     layer it took, a factor in the header that it divided out, ...
+
+    Maps are equal where their radiance is, whatever file it came in; they cannot be hashed.
     """
 
     radiance: np.ndarray
@@ -75,6 +79,15 @@ class EnvironmentMap:
         inspection = Inspection(sanitize, largest_of(radiance))
         self._take(checks.array(name, radiance, ("H", "W", 3), np.float32, own=True), inspection, name)
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, EnvironmentMap) and np.array_equal(self.radiance, other.radiance)
+
+    def __repr__(self) -> str:
+        return f"<EnvironmentMap: {self.width} x {self.height}, radiance up to {self.peak:.4g}>"
+
+    def _repr_png_(self) -> bytes:
+        return show(self.radiance)._repr_png_()
+
     @classmethod
     def read(
         cls,
@@ -83,37 +96,44 @@ class EnvironmentMap:
         sanitize: bool | str = False,
         layer: str | None = None,
         flip: bool = False,
+        projection: str | None = None,
         convention: str = "lightdome",
     ) -> EnvironmentMap:
         """Read a PFM, EXR or Radiance HDR file; ``sanitize`` as for the class, but the type is the file's.
 
         Of an EXR file ``layer`` is that of :func:`read_image`.
 
-        With ``flip`` the file's rows are taken in reverse, as where it was written upside down. ``convention`` is that
-        of the program for which the file was made, see :mod:`lightdome.maps.conventions`. Raises
-        :class:`LightdomeError` where the file cannot be read or holds bad pixels.
+        With ``flip`` the file's rows are taken in reverse, as where it was written upside down. ``projection`` names
+        the file's, of :data:`lightdome.maps.projections.PROJECTIONS`; by default
+        :func:`lightdome.maps.conversion.detected` finds it. What is in another than latitude and longitude is resampled
+        to that, with about as many pixels, and ``notes`` say so. ``convention`` is that of the program for which a
+        latitude-longitude file was made, see :mod:`lightdome.maps.conventions`. Raises :class:`LightdomeError` where
+        the file cannot be read, does not fit its projection or holds bad pixels.
         """
         yaw_between(convention, "lightdome")  # before work that would be for nothing
-        inspection = Inspection(sanitize)
-        rows = ImageRows(path, layer=layer)
-        if inspection.sanitize == "clamp":
-            inspection.infinity = rows.largest
+        read = read_projected(
+            path, sanitize=sanitize, layer=layer, flip=flip, projection=projection, convention=convention
+        )
+        radiance, peak, notes = read.radiance, read.peak, read.notes
+        if read.projection != "latlong":
+            radiance = convert(radiance, read.projection)
+            peak = float(radiance.max())
+            notes = (*notes, f"note: the map was resampled to {radiance.shape[1]} x {radiance.shape[0]} latlong pixels")
         result = object.__new__(cls)
         # Nobody else has what was read: it is not copied.
-        result._take(read_image(path, layer, flip), inspection, str(path), rows.notes)
+        result._set(radiance, peak, read.replaced, notes)
         return result.to_convention("lightdome", from_=convention)
 
-    def _take(self, radiance: np.ndarray, inspection: Inspection, name: str, notes: tuple[str, ...] = ()) -> None:
+    def _take(self, radiance: np.ndarray, inspection: Inspection, name: str) -> None:
         if 0 in radiance.shape:
             raise LightdomeError(f"{name} must have shape (H, W, 3) and at least one pixel, got shape {radiance.shape}")
         radiance = inspection.mended(radiance)
         inspection.refuse_bad_pixels(name)
+        self._set(radiance, inspection.peak, inspection.replaced_in(radiance), ())
+
+    def _set(self, radiance: np.ndarray, peak: float, replaced: Replaced | None, notes: tuple[str, ...]) -> None:
         radiance.flags.writeable = False
-        replaced = None
-        if inspection.found:
-            rows = radiance.sum(axis=(1, 2), dtype=np.float64)
-            replaced = inspection.replaced(len(radiance), float(rows @ np.sin(row_angles(len(radiance)))))
-        fields = {"radiance": radiance, "peak": inspection.peak, "replaced": replaced, "notes": notes}
+        fields = {"radiance": radiance, "peak": peak, "replaced": replaced, "notes": notes}
         for field, value in fields.items():
             object.__setattr__(self, field, value)
 
@@ -179,6 +199,51 @@ def shape_note(height: int, width: int) -> str | None:
     return f"note: the map is {width} x {height}, not 2:1; it is stretched over the whole sphere of directions"
 
 
+@dataclass(frozen=True)
+class Projected:
+    """A file's map as it lies there: (H, W, 3) ``radiance``, checked, in the ``projection`` of that name."""
+
+    radiance: np.ndarray
+    projection: str
+    peak: float
+    replaced: Replaced | None
+    notes: tuple[str, ...]
+
+
+def read_projected(
+    path: str | Path,
+    *,
+    sanitize: bool | str = False,
+    layer: str | None = None,
+    flip: bool = False,
+    projection: str | None = None,
+    convention: str = "lightdome",
+) -> Projected:
+    """What :meth:`EnvironmentMap.read` reads, before it is resampled or turned; pixels that are not used are 0."""
+    inspection = Inspection(sanitize)
+    if checks.optional_text("projection", projection) is not None:
+        checks.choice("projection", projection, PROJECTIONS)
+    rows = ImageRows(path, layer=layer)
+    if inspection.sanitize == "clamp":
+        inspection.infinity = rows.largest
+    radiance, notes = read_image(path, layer, flip), rows.notes
+    if projection is None:
+        projection, note = detected(radiance, rows.is_cube)
+        notes = (*notes, note) if note else notes
+    fitting = check_fits(projection, radiance.shape[:2], str(path))
+    if projection != "latlong":
+        if convention != "lightdome":
+            raise LightdomeError(
+                f"{path} is taken as {projection}, and conventions are of latitude-longitude maps; leave out"
+                f" --convention {convention} and turn the map with --rotate"
+            )
+        inspection.solid_angles = fitting.solid_angles(radiance.shape[:2])
+        radiance[inspection.solid_angles == 0] = 0
+    radiance = inspection.mended(radiance)
+    inspection.refuse_bad_pixels(str(path))
+    return Projected(radiance, projection, inspection.peak, inspection.replaced_in(radiance), notes)
+
+
 def largest_of(array: object) -> float:
     """The largest finite radiance that an array's type holds: of half floats 65504, else float32's."""
     return LARGEST_HALF if getattr(array, "dtype", None) == np.float16 else LARGEST
@@ -203,6 +268,7 @@ class Inspection:
         self.sanitize = sanitize
         self.infinity = largest if sanitize == "clamp" else 0.0
         self.peak = 0.0
+        self.solid_angles: np.ndarray | None = None  # (H, W) of a map, read at once, that is not latitude-longitude
         self.found = 0  # bad pixels
         self._kinds: Counter[str] = Counter()
         self._first: tuple[int, int, np.ndarray] | None = None  # y, x, and its value
@@ -219,7 +285,10 @@ class Inspection:
             radiance[infinite] = self.infinity
             peak = float(radiance.max())
             y, x = np.nonzero(bad)
-            light = np.bincount(y, radiance[y, x].sum(axis=1, dtype=np.float64), len(radiance))
+            light = radiance[y, x].sum(axis=1, dtype=np.float64)
+            if self.solid_angles is not None:
+                light *= self.solid_angles[y, x]
+            light = np.bincount(y, light, len(radiance))
             self._light.update({first_row + int(row): float(light[row]) for row in np.unique(y)})
         self.peak = max(self.peak, peak)
         return radiance
@@ -250,11 +319,20 @@ class Inspection:
             f" ({r:g}, {g:g}, {b:g}); mend the map, or replace them by black with --sanitize{clamp}"
         )
 
+    def replaced_in(self, radiance: np.ndarray) -> Replaced | None:
+        """What was replaced in this map, of which every row was looked at."""
+        if not self.found:
+            return None
+        if self.solid_angles is not None:
+            return self.replaced(len(radiance), float(np.einsum("yxc,yx->", radiance, self.solid_angles)))
+        rows = radiance.sum(axis=(1, 2), dtype=np.float64)
+        return self.replaced(len(radiance), float(rows @ np.sin(row_angles(len(radiance)))))
+
     def replaced(self, height: int, total: float) -> Replaced | None:
         """What was replaced in a map of ``height`` rows whose sum of (R + G + B) sin(theta) is ``total`` now."""
         if not self.found:
             return None
-        sine = np.sin(row_angles(height))
+        sine = np.sin(row_angles(height)) if self.solid_angles is None else np.ones(height)
         light = sum(light * sine[row] for row, light in self._light.items())
         return Replaced(
             pixels=self.found,

@@ -2,7 +2,7 @@
 
 Half and single floats keep their values, infinities and NaN too; whole numbers (UINT) are read as those numbers.
 Luminance and chroma become R, G and B by the file's chromaticities. Subsampled chroma is refused, since versions of
-OpenImageIO differ in it. A file whose ``envmap`` says ``cube`` is refused.
+OpenImageIO differ in it.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def _source(path: Path, file: oiio.ImageInput, name: str | None) -> ImageSource:
     luminance = _luminance_weights(path, spec) if layer.is_chroma else None
     columns = (spec.x, spec.x + spec.width)
 
-    def read_channels(first: int, end: int, begin: int, stop: int, kind: object) -> np.ndarray:
+    def read_channels(first: int, end: int, begin: int, stop: int, kind: oiio.BASETYPE) -> np.ndarray:
         lines = (spec.y + first, spec.y + end)
         if spec.tile_width:
             pixels = file.read_tiles(*columns, *lines, 0, 1, begin, stop, kind)
@@ -88,6 +88,7 @@ def _source(path: Path, file: oiio.ImageInput, name: str | None) -> ImageSource:
         together=max(1, spec.tile_height, spec.get_int_attribute("oiio:RowsPerChunk", 1)),
         largest=LARGEST_HALF if is_half else LARGEST,
         notes=tuple(_notes(path, spec, layer, chosen=name is not None)),
+        is_cube=spec.get_string_attribute("textureformat") == "CubeFace Environment",
     )
 
 
@@ -154,8 +155,6 @@ def _check(path: Path, spec: oiio.ImageSpec) -> None:
     width, height = spec.width, spec.height
     if spec.depth > 1:
         raise LightdomeError(f"{path}: cannot use an image of {width} x {height} x {spec.depth} pixels")
-    if spec.get_string_attribute("textureformat") == "CubeFace Environment":
-        raise LightdomeError(f"{path} says that it is a cube map (envmap = cube); convert it to latitude-longitude")
     if (spec.x, spec.y, width, height) != (spec.full_x, spec.full_y, spec.full_width, spec.full_height):
         raise LightdomeError(
             f"{path}: its data window is not its display window, so it is no whole environment map; save it uncropped"

@@ -26,6 +26,7 @@ class ImageSource:
     - ``together``: rows that the file packs together
     - ``largest``: the largest finite value that its type holds: of half floats 65504, else float32's
     - ``notes``: remarks for the user
+    - ``is_cube``: whether the file says that it is a cube map, as OpenEXR defines it
     """
 
     rows: int
@@ -35,6 +36,7 @@ class ImageSource:
     together: int = 1
     largest: float = LARGEST
     notes: tuple[str, ...] = ()
+    is_cube: bool = False
 
 
 def check_size(path: Path, rows: int, columns: int, channels: int) -> None:

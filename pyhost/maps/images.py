@@ -63,6 +63,7 @@ class ImageRows:
       file packs together, a row of tiles for one
     - ``largest``: the largest finite value that its type holds: of half floats 65504, else float32's
     - ``notes``: remarks for the user: the layer that was taken, a factor in the header that was divided out, ...
+    - ``is_cube``: whether the file says that it is a cube map (OpenEXR's ``envmap``), whose rows are not to be had
 
     ``layer`` and ``flip`` are those of :func:`read_image`.
     A file that lies on its side is read whole all the same. Raises :class:`LightdomeError` as :func:`read_image` does.
@@ -79,6 +80,7 @@ class ImageRows:
             self.height, self.width = (source.rows, source.columns)[:: -1 if self._on_its_side else 1]
             self.largest = source.largest
             self.notes = source.notes
+            self.is_cube = source.is_cube
             self._together = source.together
             fitting = BATCH_VALUES // (source.columns * 3)
         self._columns: np.ndarray | None = None
@@ -90,8 +92,12 @@ class ImageRows:
         """Yield the radiance of ``rows``, ascending numbers, in batches: their numbers (n,), and (n, W, 3) float32.
 
         Batches come in the file's order, which may be bottom up. Other rows are not read where the format allows it.
-        Raises :class:`LightdomeError` for numbers that are not those of rows, or do not ascend.
+        Raises :class:`LightdomeError` for numbers that are not those of rows, or do not ascend, and for a cube map.
         """
+        if self.is_cube:
+            raise LightdomeError(
+                f"{self.path} is a cube map (envmap = cube); only a latitude-longitude map is read row by row"
+            )
         rows = checks.array("rows", rows, ("N",))
         inside = rows.size == 0 or (rows[0] >= 0 and rows[-1] < self.height and (np.diff(rows.astype(float)) > 0).all())
         if rows.dtype.kind == "f" or not inside:
@@ -99,7 +105,9 @@ class ImageRows:
         last = self.height - 1
         if self.flip:
             read = self._read(last - rows[::-1].astype(np.int64))
-            batches = ((last - batch[::-1], pixels[::-1]) for batch, pixels in read)
+            batches: Iterator[tuple[np.ndarray, np.ndarray]] = (
+                (last - batch[::-1], pixels[::-1]) for batch, pixels in read
+            )
         else:
             batches = self._read(rows)
         if self._columns is None:
@@ -227,10 +235,11 @@ def _numbers(radiance: np.ndarray) -> np.ndarray:
     return radiance
 
 
-def write_image(path: str | Path, pixels: np.ndarray) -> None:
+def write_image(path: str | Path, pixels: np.ndarray, *, is_cube: bool = False) -> None:
     """Write (H, W, 3) pixels, row 0 at the top: radiance, floating point, as .pfm or .exr, uint8 as .ppm or .png.
 
-    Radiance is written as it is, in single precision. The file appears only when it is complete. Raises
+    Radiance is written as it is, in single precision. With ``is_cube`` an .exr file says ``envmap = cube``, as suits
+    the projection ``cube-openexr`` alone. The file appears only when it is complete. Raises
     :class:`LightdomeError` for other types, shapes and suffixes, and where the file cannot be written.
     """
     path = checks.path(path)
@@ -259,11 +268,13 @@ def write_image(path: str | Path, pixels: np.ndarray) -> None:
     if suffix == ".ppm":
         spec.attribute("pnm:pfmflip", 0)
         spec.attribute("pnm:binary", 1)
+    if is_cube:
+        spec.attribute("textureformat", "CubeFace Environment")
     with replacing(path) as temporary:
         if suffix == ".pfm":  # OpenImageIO before 3.2 scrambles those larger than 64 MiB
             with temporary.open("wb") as stream:
                 stream.write(b"PF\n%d %d\n-1.0000\n" % (width, height))
-                stream.write(np.ascontiguousarray(pixels[::-1], "<f4"))
+                stream.write(np.ascontiguousarray(pixels[::-1], "<f4").data)
             return
         name = utf8_name(temporary)
         file = oiio.ImageOutput.create(name)

@@ -9,8 +9,8 @@ shows the direction -z with +x to its right and +y at its top, as a camera would
   right -z.
 - ``angular``, 1:1: a disc that looks along -z; the distance from its middle is the angle to -z, pi on the rim:
   r = acos(-z) / pi. Debevec, Light Probe Image Gallery (1998), who writes acos(z) where his text turns from -z.
-- ``mirror``, 1:1: a mirrored ball seen along -z from afar: r = sin(acos(-z) / 2). All parts of the disc are worth the
-  same solid angle.
+- ``mirror``, 1:1: a mirrored ball from afar, r = sin(acos(-z) / 2), as skylibs has it: its middle shows -z, to the
+  right is +x. A photograph of a ball shows left and right exchanged. Equal areas are equal solid angles.
 - ``cube-cross``, 3:4, and ``cube-cross-horizontal``, 4:3: faces left, front (-z), right, with up and down above and
   below the front; the back is below that, upside down, or to the right of the right face. As HDRShop has it.
 - ``cube-strip``, 1:6, and ``cube-strip-horizontal``, 6:1: the faces +x, -x, +y, -y, +z, -z, each as it is seen from
@@ -26,6 +26,7 @@ towards the middle, so that the solid angles of the used pixels sum to 4 pi.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
@@ -33,8 +34,8 @@ import numpy as np
 
 from .. import checks
 from . import geometry
+from .image_source import MAX_PIXELS
 
-MAX_SIZE = 2**15
 NODES = 6  # of Gauss-Legendre quadrature along the side of a pixel
 TINY = 1e-300
 
@@ -48,7 +49,8 @@ class Projection(ABC):
 
     def shape(self, size: int) -> tuple[int, int]:
         """(H, W) of an image of this ``size``: the side of a square or of a cube's face, or the rows of a latlong."""
-        size = checks.whole("the size", size, self.smallest, MAX_SIZE)
+        largest = math.isqrt(MAX_PIXELS // (self.aspect[0] * self.aspect[1]))
+        size = checks.whole(f"the size of a {self.name} map", size, self.smallest, largest)
         return self.aspect[1] * size, self.aspect[0] * size
 
     def fits(self, shape: tuple[int, int]) -> bool:

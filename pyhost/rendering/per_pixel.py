@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -215,7 +215,7 @@ def _product_launch(
 
 
 def _in_blocks(
-    device: Device, name: str, disc: np.ndarray, defines: dict[str, int], **arguments: Argument
+    device: Device, name: str, disc: np.ndarray, defines: dict[str, int], **arguments: Any
 ) -> Callable[..., None]:
     """A launch of the kernel ``name``, with a work-item for each block of the disc's pixels, that has ``arguments``."""
     block = 1 if device.is_gpu else PIXELS_PER_BLOCK

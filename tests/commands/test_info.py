@@ -11,7 +11,7 @@ import pytest
 from helpers import ROOT, stiff_radiance
 from lightdome import console
 from lightdome.commands import info
-from lightdome.maps import analyse
+from lightdome.maps import analyse, convert
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import read_image, write_image
 
@@ -114,3 +114,23 @@ def test_the_sun_is_split_off(run: object, tmp_path: Path, bad: Path) -> None:
     assert 100 < np.count_nonzero(sun.any(axis=2)) < 1000
     _, _, errors = run(DEFAULT, tmp_path / "default.exr", "--split-sun", folder)
     assert "different names" in errors
+
+
+def test_another_projection_is_resampled_and_told(run: object, tmp_path: Path) -> None:
+    """By detection or by name; the light is where it was."""
+    envmap = EnvironmentMap.read(DEFAULT)
+    write_image(tmp_path / "cross.pfm", convert(envmap.radiance, "latlong", "cube-cross", 64))
+    write_image(tmp_path / "probe.pfm", convert(envmap.radiance, "latlong", "angular", 128))
+    expected = analyse(envmap)
+    for name, options in (("cross", ()), ("probe", ()), ("probe", ("--projection", "angular"))):
+        status, said, _ = run(tmp_path / f"{name}.pfm", "--json", *options)
+        assert status == 0
+        found = json.loads(said)
+        assert found["projection"] == f"{'cube-cross' if name == 'cross' else 'angular'}, resampled to latlong"
+        assert found["flux_rgb_radiance_sr"] == pytest.approx(expected.flux_rgb_radiance_sr, rel=1e-5)
+        assert found["mean_direction_azimuth_degrees"] == pytest.approx(
+            expected.mean_direction_azimuth_degrees, abs=0.5
+        )
+    status, _, errors = run(tmp_path / "probe.pfm", "--projection", "cube-cross")
+    assert status == 1
+    assert errors.count("\n") == 1

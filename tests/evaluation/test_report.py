@@ -308,7 +308,7 @@ def test_other_programs_that_are_there_are_measured(
 
     monkeypatch.setattr(mitsuba_process, "find_spec", lambda name: name if there else None)
     of_map = {"map": small_map, "layer": None, "sanitize": None, "flip": False}
-    of_map |= {"convention": "lightdome", "mirror": False, "rotate": None}
+    of_map |= {"convention": "lightdome", "mirror": False, "rotate": None, "projection": None}
     options = argparse.Namespace(**of_map, out=tmp_path, device=None, quick=True, pbrt=None)
     report_command.need_all(Runs(), options, EnvironmentMap.read(small_map))
     assert ("mitsuba" in asked["stability"], "mitsuba" in asked["bench"], "pbrt" in asked["bench"]) == (there,) * 3

@@ -175,7 +175,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
     folder = tmp_path_factory.mktemp("roofline")
     write_image(folder / "map.pfm", stiff_radiance(16, 32))
     asked = {"map": folder / "map.pfm", "layer": None, "flip": False, "sanitize": None, "device": None}
-    asked |= {"convention": "lightdome", "mirror": False, "rotate": None}
+    asked |= {"convention": "lightdome", "mirror": False, "rotate": None, "projection": None}
     asked |= {"out": folder / "out", "resolution": 17, "repeats": 2, "quick": True}
     with contextlib.redirect_stdout(io.StringIO()) as printed:
         command.run(argparse.Namespace(**asked), ((16, 32), (33,), (4, 64)), (2**20, 2**21))

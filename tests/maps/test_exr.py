@@ -321,10 +321,13 @@ def test_bad_chromaticities_are_refused(tmp_path: Path) -> None:
         read_image(written(tmp_path, Part({name: GREY.astype("f2") for name in ("Y", "RY", "BY")}, attributes=bad)))
 
 
-def test_a_cube_map_is_refused_and_samples_on_the_border_are_said(tmp_path: Path, run_here: Script) -> None:
-    cube = Part(planes(MAP), attributes={"envmap": ("envmap", b"\1")})
-    with pytest.raises(LightdomeError, match="cube map"):
-        read_image(written(tmp_path, cube))
+def test_a_cube_map_that_is_none_is_refused_and_samples_on_the_border_are_said(
+    tmp_path: Path, run_here: Script
+) -> None:
+    cube = written(tmp_path, Part(planes(MAP), attributes={"envmap": ("envmap", b"\1")}))
+    with pytest.raises(LightdomeError, match="no cube-openexr map, whose sides are 1:6"):
+        EnvironmentMap.read(cube)
+    np.testing.assert_array_equal(read_image(cube), MAP)
     latlong = written(tmp_path, Part(planes(MAP), attributes={"envmap": ("envmap", b"\0")}))
     np.testing.assert_array_equal(read_image(latlong), MAP)
     assert "border" in EnvironmentMap.read(latlong).notes[0]

@@ -1,0 +1,76 @@
+"""Write a map in another projection, or for another program."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from ..names import CONVENTIONS, PROJECTIONS
+from . import cli
+
+
+def main() -> None:
+    parser = cli.parser(
+        "Write an environment map in another projection, or for another program.\n\n"
+        "Each pixel of the result is the mean of the map over it: the flux is kept, and so are the place and the energy"
+        " of a light that is smaller than a pixel. The documentation shows which way each projection looks.",
+        "map.exr probe.exr --to angular",
+    )
+    cli.map_options(parser, positional=True)
+    parser.add_argument("out", type=Path, metavar="OUT", help="file to write: .exr or .pfm, in single precision")
+    parser.add_argument("--to", choices=PROJECTIONS, required=True, help="projection of the result")
+    parser.add_argument(
+        "--size",
+        type=cli.positive_int,
+        metavar="N",
+        help="side of a square or of a cube's face, rows of a latlong (default: about as many pixels as the map has)",
+    )
+    parser.add_argument(
+        "--to-convention",
+        choices=CONVENTIONS,
+        default=CONVENTIONS[0],
+        metavar="NAME",
+        help=f"program that is to read a latlong result: {', '.join(CONVENTIONS)}",
+    )
+    args = parser.parse_args()
+    if args.to_convention != CONVENTIONS[0] and args.to != "latlong":
+        parser.error("--to-convention is for --to latlong")
+
+    import numpy as np
+
+    from ..errors import LightdomeError
+    from ..maps.conventions import yaw_between
+    from ..maps.conversion import convert
+    from ..maps.envmap import EnvironmentMap, read_projected
+    from ..maps.images import LINEAR, write_image
+    from ..maps.rotation import rotation_matrix
+
+    if args.out.suffix.lower() not in LINEAR:
+        raise LightdomeError(f"cannot write {args.out}: give a name that ends in {' or '.join(LINEAR)}")
+    read = read_projected(
+        args.map,
+        sanitize=args.sanitize,
+        layer=args.layer,
+        flip=args.flip,
+        projection=args.projection,
+        convention=args.convention,
+    )
+    for note in (*read.notes, read.replaced and read.replaced.note):
+        if note:
+            print(note, file=sys.stderr)
+    if read.projection == args.to == "latlong" and args.size is None:
+        # As it turns by whole columns, its pixels stay as they are.
+        envmap = EnvironmentMap(read.radiance).to_convention(CONVENTIONS[0], from_=args.convention)
+        image = cli.turned(args, envmap).to_convention(args.to_convention).radiance
+    else:
+        turns = [
+            rotation_matrix(yaw_between(CONVENTIONS[0], args.to_convention)),
+            rotation_matrix(*args.rotate or [0.0]),
+            np.diag([1, 1, -1 if args.mirror else 1]),
+            rotation_matrix(yaw_between(args.convention, CONVENTIONS[0])),
+        ]
+        image = convert(read.radiance, read.projection, args.to, args.size, np.linalg.multi_dot(turns))
+    write_image(args.out, image, is_cube=args.to == "cube-openexr")
+    height, width = read.radiance.shape[:2]
+    print(f"map: {args.map}, {width} x {height}, {read.projection}")
+    print(f"wrote {args.out}, {image.shape[1]} x {image.shape[0]}, {args.to}")

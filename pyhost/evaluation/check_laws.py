@@ -1,0 +1,150 @@
+"""The laws by which pixels of a map are drawn, the right one and those of known mistakes: weights (H, W) of a map.
+
+The names are those of :data:`lightdome.evaluation.check_causes.CAUSES`, and of :data:`MORE`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..maps.geometry import row_angles
+from .check_causes import Cause, luminance
+
+MORE = (
+    Cause(
+        "rows drawn evenly",
+        "every row is drawn as often as every other, and only the column by its CDF",
+        "too much light from dark rows' lamps, and too little from bright ones",
+        "where the row is drawn: it needs the CDF of the rows' sums",
+    ),
+    Cause(
+        "columns drawn evenly",
+        "the row is drawn by its CDF, and the column evenly",
+        "lamps are spread along their rows",
+        "where the column is drawn: it needs the CDF of its row",
+    ),
+    Cause(
+        "pixels drawn evenly",
+        "every pixel is drawn as often as every other",
+        "much noise; too much light from the poles of the map if the density says otherwise",
+        "where the random numbers become a pixel",
+    ),
+    Cause(
+        "directions drawn evenly",
+        "directions are drawn evenly over the sphere, and not by the map",
+        "much noise",
+        "where the random numbers become a direction",
+    ),
+    Cause(
+        "column found one too far",
+        "the search in a row's CDF returns a neighbouring column",
+        "dark pixels beside lamps are drawn",
+        "where the search in the row's CDF ends: the first entry above the random number",
+    ),
+    Cause(
+        "one channel for the mean",
+        "pixels are drawn by one channel, and not by (R + G + B) / 3",
+        "coloured lamps are too bright or too dark",
+        "where the luminance is made",
+    ),
+    Cause(
+        "largest channel for the mean",
+        "pixels are drawn by their largest channel, and not by (R + G + B) / 3",
+        "coloured lamps are too bright or too dark",
+        "where the luminance is made",
+    ),
+)
+
+
+def _sine(radiance: np.ndarray) -> np.ndarray:
+    return np.sin(row_angles(len(radiance)))[:, None]
+
+
+def right(radiance: np.ndarray) -> np.ndarray:
+    """I sin(theta)."""
+    return luminance(radiance) * _sine(radiance)
+
+
+def _share(radiance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """p(y) up to a factor (H, 1), and p(x | y)."""
+    weight = right(radiance)
+    rows = weight.sum(axis=1, keepdims=True)
+    return rows, np.divide(weight, rows, out=np.zeros_like(weight), where=rows > 0)
+
+
+def _of_neighbour(step: int) -> Callable[[np.ndarray], np.ndarray]:
+    def weight(radiance: np.ndarray) -> np.ndarray:
+        rows, share = _share(radiance)
+        return rows * np.roll(share, step, axis=0)
+
+    return weight
+
+
+def _rolled(step: int, axis: int) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda L: np.roll(right(L), step, axis=axis)
+
+
+def _shifted_rows(step: int) -> Callable[[np.ndarray], np.ndarray]:
+    def weight(radiance: np.ndarray) -> np.ndarray:
+        rows, share = _share(radiance)
+        return np.roll(rows, step, axis=0) * share
+
+    return weight
+
+
+def _same_number(radiance: np.ndarray) -> np.ndarray:
+    """Row y is drawn by u in a step of the rows' CDF, and column x by the same u: the steps' common part."""
+    rows, share = _share(radiance)
+    down = np.concatenate([[0], np.cumsum(rows)])
+    down /= max(down[-1], 1e-300)
+    across = np.concatenate([np.zeros((len(rows), 1)), np.cumsum(share, axis=1)], axis=1)
+    low = np.maximum(across[:, :-1], down[:-1, None])
+    return np.maximum(0, np.minimum(across[:, 1:], down[1:, None]) - low) * (share > 0)
+
+
+LAWS: tuple[tuple[str, Callable[[np.ndarray], np.ndarray]], ...] = (
+    ("no sin(theta)", luminance),
+    ("sin(theta) twice", lambda L: right(L) * _sine(L)),
+    ("luminance of Rec. 709", lambda L: L @ np.array([0.2126, 0.7152, 0.0722]) * _sine(L)),
+    ("luminance of Rec. 709", lambda L: L @ np.array([0.299, 0.587, 0.114]) * _sine(L)),
+    ("map clipped to 1", lambda L: right(np.minimum(L, 1))),
+    ("map clipped to 255", lambda L: right(np.minimum(L, 255))),
+    ("map gamma-encoded", lambda L: right(L ** (1 / 2.2))),
+    ("gamma decoded from linear values", lambda L: right(L**2.2)),
+    ("theta over half its range", lambda L: luminance(L) * np.sin(row_angles(len(L)) / 2)[:, None]),
+    ("one random number for row and column", _same_number),
+    ("row CDF of another row", _of_neighbour(-1)),
+    ("row CDF of another row", _of_neighbour(1)),
+    ("CDF starts at row 1", _shifted_rows(1)),
+    ("CDF starts at row 1", _shifted_rows(-1)),
+    ("CDF starts at row 1", _rolled(1, 0)),
+    ("CDF starts at row 1", _rolled(-1, 0)),
+    ("CDF sorted", lambda L: np.sort(right(L), axis=1)),
+    ("CDF sorted", lambda L: np.sort(right(L), axis=1)[:, ::-1]),
+    ("rows drawn evenly", lambda L: _share(L)[1]),
+    ("columns drawn evenly", lambda L: _share(L)[0] * np.ones(L.shape[:2])),
+    ("column found one too far", _rolled(1, 1)),
+    ("column found one too far", _rolled(-1, 1)),
+    ("largest channel for the mean", lambda L: L.max(axis=2) * _sine(L)),
+    ("one channel for the mean", lambda L: L[..., 0] * _sine(L)),
+    ("one channel for the mean", lambda L: L[..., 1] * _sine(L)),
+    ("one channel for the mean", lambda L: L[..., 2] * _sine(L)),
+    ("pixels drawn evenly", lambda L: np.ones(L.shape[:2])),
+    ("directions drawn evenly", lambda L: _sine(L) * np.ones(L.shape[:2])),
+)
+
+
+def laws(radiance: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    """The probabilities (H, W) of each mistake that this map shows, by name; their sums are 1."""
+    truth = right(radiance)
+    truth /= truth.sum()
+    result = []
+    for name, law in LAWS:
+        with np.errstate(over="ignore"):
+            weight = law(radiance)
+        total = weight.sum()
+        if np.isfinite(total) and total > 0 and np.abs(weight / total - truth).sum() > 1e-6:
+            result.append((name, weight / total))
+    return result
