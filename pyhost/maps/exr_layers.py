@@ -48,7 +48,7 @@ NO_LIGHT = re.compile(
 
 @dataclass(frozen=True)
 class Part:
-    """What of a part's header decides: ``views`` is ``multiView``, ``view`` the part's own."""
+    """The entries of a part's header that decide: ``views`` is ``multiView``, ``view`` the part's own."""
 
     name: str
     channels: Sequence[str]
@@ -177,7 +177,7 @@ def _label(part: str, layer: str) -> str:
 
 
 def _without_view(name: str, views: set[str]) -> tuple[list[str], str]:
-    """The names, outer first, that a layer's or a part's full name is made of, and the view that it ends with."""
+    """The names, outer first, that make up a layer's or a part's full name, and the view that it ends with."""
     names = [word for word in name.split(".") if word]
     view = names.pop() if names and names[-1] in views else ""
     return names, view

@@ -2,9 +2,9 @@
 
 The header is three words: ``PF`` (three channels), ``Pf`` (one, read as grey) or ``PF4`` (four, the last is left
 out); the width and the height; the scale, whose sign gives the order of bytes, negative for little endian. Values are
-multiplied by its magnitude. Words are separated by white space and by comments from ``#`` to the end of a line. One
-character of white space follows the scale, or the end of its line: spaces, a comment, and LF or CRLF. The rest
-is the pixels, 4 bytes a value, bottom row first.
+multiplied by its magnitude. Words are separated by white space and by comments from ``#`` to the end of a line. The
+scale is followed by one character of white space, or by the rest of its line: spaces, a comment, and LF or CRLF. Then
+come the pixels, 4 bytes per value, bottom row first.
 """
 
 from __future__ import annotations
