@@ -13,7 +13,7 @@ class Decision(NamedTuple):
     why: str
 
     def __str__(self) -> str:
-        return f"{'used' if self.used else 'left out'}: {self.what}; {self.why}"
+        return f"{'used' if self.used else 'skipped'}: {self.what}; {self.why}"
 
 
 class Decisions:

@@ -35,8 +35,8 @@ kernel void sample_guided(global const uint *restrict row_cdf,
     pick_pixels(&map, across, down, n, x, y);
     block_directions w;
     block_centres(theta, phi, x, y, n, &w);
-    store_lights(radiance, width, scale, inverse_total, x, y, w.sin_theta, begin, n, sample_radiance, pixel,
-                 probability);
+    store_samples(radiance, width, scale, inverse_total, x, y, w.sin_theta, begin, n, sample_radiance, pixel,
+                  probability);
     move_within_pixels(row_cdf, marginal_cdf, row_versines, points, width, height, count, seed, across, down, x, y,
                        begin, n, &w);
     store_directions(&w, begin, n, direction);
