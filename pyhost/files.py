@@ -32,7 +32,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
     # Everything from here on can be interrupted at any moment.
     try:
         if path.exists() and not path.is_file():
-            raise LightdomeError(f"cannot write {path}: it is there and is no ordinary file")
+            raise LightdomeError(f"cannot write {path}: it exists and is not a regular file")
         _unfinished.add(temporary)
         temporary.touch(exist_ok=False)
         yield temporary

@@ -91,7 +91,7 @@ def light_format(path: Path, format: str | None) -> str:
         if path.suffix.lower() == suffix:
             return name
     raise LightdomeError(
-        f"the suffix of {path} says no format of lights; end it in one of {', '.join(LIGHT_FORMATS.values())},"
+        f"the suffix of {path} says no format of lights; end the name in one of {', '.join(LIGHT_FORMATS.values())},"
         f" or say which of {', '.join(LIGHT_FORMATS)} it is (--format)"
     )
 

@@ -35,7 +35,7 @@ def open_exr(path: Path, layer: str | None) -> Iterator[ImageSource]:
         why = reason(oiio.geterror)
         if "ubsampled channels" in why:
             raise _subsampled(path)
-        raise LightdomeError(f"{path} is no image that OpenImageIO can read: {why}")
+        raise LightdomeError(f"{path}: OpenImageIO cannot read it: {why}")
     try:
         yield _source(path, file, layer)
     finally:
@@ -142,7 +142,7 @@ def _part(path: Path, spec: oiio.ImageSpec) -> Part:
             deep=spec.deep,
         )
     except UnicodeDecodeError:
-        raise damaged(path, "a name in its header is no text") from None
+        raise damaged(path, "a name in its header is not valid text") from None
 
 
 def _subsampled(path: Path) -> LightdomeError:
@@ -157,7 +157,7 @@ def _check(path: Path, spec: oiio.ImageSpec) -> None:
         raise LightdomeError(f"{path}: cannot use an image of {width} x {height} x {spec.depth} pixels")
     if (spec.x, spec.y, width, height) != (spec.full_x, spec.full_y, spec.full_width, spec.full_height):
         raise LightdomeError(
-            f"{path}: its data window is not its display window, so it is no whole environment map; save it uncropped"
+            f"{path}: its data window is not its display window, so it is not the whole map; save it uncropped"
         )
     # The library allocates whole tiles, even if they reach far beyond the image.
     if spec.tile_width > width + MAX_OVERHANG or spec.tile_height > height + MAX_OVERHANG:

@@ -105,7 +105,7 @@ def choose_layer(path: Path, parts: Sequence[Part], wanted: str | None) -> Layer
         labels = _joined([quoted(layer.label) for layer in found])
         raise LightdomeError(f"{path}: {len(found)} layers could be the map: {labels}; choose one with --layer NAME")
     if any(layer.is_deep for layer in candidates):
-        raise LightdomeError(f"{path} is a deep image, which is no environment map; flatten it")
+        raise LightdomeError(f"{path} is a deep image, which cannot be an environment map; flatten it")
     where = "it" if wanted is None else f"its layer {quoted(wanted)}"
     usable = any((layer.colour or layer.grey) and not layer.is_deep for layer in layers)
     advice = "; choose a layer with --layer NAME" if usable else ""

@@ -40,7 +40,7 @@ def open_pfm(path: Path) -> Iterator[ImageSource]:
             raise damaged(path, f"it must begin with PF, width, height and scale, in at most {HEADER_BYTES >> 10} KiB")
         kind, *size, scale_word = header.groups()
         if kind not in CHANNELS:
-            raise LightdomeError(f"{path}: {_shown(kind)} is no kind of PFM file that lightdome reads: PF, Pf or PF4")
+            raise LightdomeError(f"{path}: unknown kind of PFM file {_shown(kind)}; expected PF, Pf or PF4")
         if not all(re.fullmatch(rb"\d{1,10}", word) for word in size):
             raise LightdomeError(f"{path}: bad size {' x '.join(map(_shown, size))} in the PFM header")
         channels, (columns, rows) = CHANNELS[kind], map(int, size)

@@ -123,7 +123,7 @@ def read_header(path: Path, start: bytes) -> Header:
 
     size = SIZE.fullmatch(lines[end + 1])
     if not size or size[1][1] == size[3][1]:
-        raise damaged(path, f"{quoted(lines[end + 1])} is no size such as -Y 512 +X 1024")
+        raise damaged(path, f"expected a size such as -Y 512 +X 1024, got {quoted(lines[end + 1])}")
     rows, columns = int(size[2]), int(size[4])
     return Header(rows, columns, ORIENTATIONS[size[1] + size[3]], divisor, tuple(notes), header_bytes)
 

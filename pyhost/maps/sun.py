@@ -197,7 +197,7 @@ def find_region(patch: Patch, start: np.ndarray, pixel: float) -> Region | str:
             break
         centre = moved
     if held.sum() < MIN_COMPACTNESS * light.sum():
-        return "the brightest source is no compact one"
+        return "the brightest source is not compact"
     ring = (apart > reach) & (apart <= 1.5 * reach + 2 * pixel) & ~bright
     if not ring.any():
         ring = outside

@@ -120,7 +120,7 @@ def open_device(choice: str | None = None) -> Device:
         matching = [c for c in candidates if _matches(asked, c)]
         if not matching:
             known = "; ".join(map(_listed, candidates))
-            raise LightdomeError(f"no OpenCL device matches {asked!r}; there is {known or 'none at all'}")
+            raise LightdomeError(f"no OpenCL device matches {asked!r}; available: {known or 'none'}")
     else:
         matching = candidates
     trials = _tried(matching)

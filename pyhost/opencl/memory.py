@@ -89,7 +89,7 @@ def _buffer(device: Device, flags: int, size: int, host: np.ndarray | None) -> c
         return cl.Buffer(device.context, flags | cl.mem_flags.USE_HOST_PTR, hostbuf=host)
     except cl.Error as error:
         raise LightdomeError(
-            f"the device has no room for {size >> 20} MiB ({error}); use fewer samples or a smaller map"
+            f"not enough memory on the device for {size >> 20} MiB ({error}); use fewer samples or a smaller map"
         ) from error
 
 

@@ -92,7 +92,7 @@ class Rates:
         result = cls(**values)
         for name, value in values.items():
             if not (value is None and name == "transfers") and not 0 < float(value) < float("inf"):
-                raise ValueError(f"{name} is no rate")
+                raise ValueError(f"{name} must be a positive number")
         return result
 
 

@@ -187,16 +187,16 @@ def _arrays(path: Path) -> dict[str, Any]:
     with _parsing(path):
         room = MAX_INFLATION * path.stat().st_size
         if not path.is_file():  # a pipe would block
-            raise LightdomeError(f"cannot read {path}: it is no ordinary file")
+            raise LightdomeError(f"cannot read {path}: it is not a regular file")
         with zipfile.ZipFile(path) as archive:
             for name, kinds in _KINDS.items():
                 if f"{name}.npy" not in archive.namelist():
                     if name == "within":  # written by a version that knew centres only
                         continue
-                    raise LightdomeError(f"{path} is no file of samples: it has no array {name!r}")
+                    raise LightdomeError(f"{path} is not a file of samples: it has no array {name!r}")
                 member = archive.getinfo(f"{name}.npy")
                 if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-                    raise LightdomeError(f"{path}: the array {name!r} is packed as numpy never does")
+                    raise LightdomeError(f"{path}: the array {name!r} is compressed in a way that numpy never uses")
                 with archive.open(member) as stream:
                     if np.lib.format.read_magic(stream) != (1, 0):
                         raise ValueError("unknown version of the array format")
@@ -204,7 +204,7 @@ def _arrays(path: Path) -> dict[str, Any]:
                 if dtype.kind not in kinds or (name == "map_shape" and shape != (2,)):
                     raise LightdomeError(f"{path}: the array {name!r} has the wrong type or shape, {one_line(dtype)}")
                 if max(shape, default=1) > MAX_SAMPLES:
-                    raise LightdomeError(f"{path}: holds more samples than can be used, {MAX_SAMPLES}")
+                    raise LightdomeError(f"{path} holds more than {MAX_SAMPLES} samples, the most that can be read")
                 if not 0 <= math.prod(shape) * dtype.itemsize <= min(member.file_size, room):
                     raise LightdomeError(f"{path} is damaged: the array {name!r} is not as long as it says")
                 with archive.open(member) as stream:
@@ -249,7 +249,7 @@ def _check(samples: Samples) -> None:
     else:
         w_x, w_y, w_z = samples.direction.astype(np.float64).T
         sine = np.hypot(w_x, w_z)
-        refuse(~(np.abs(np.hypot(sine, w_y) - 1) < 1e-5), "a direction is no unit vector")
+        refuse(~(np.abs(np.hypot(sine, w_y) - 1) < 1e-5), "a direction is not a unit vector")
         down, across = np.arctan2(sine, w_y) - theta, np.arctan2(w_z, w_x) - phi
         across -= 2 * np.pi * np.round(across / (2 * np.pi))
         outside = (np.abs(down) > np.pi / height / 2 + 1e-5) | ((np.abs(across) - np.pi / width) * sine > 1e-5)
