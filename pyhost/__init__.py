@@ -21,7 +21,7 @@ from __future__ import annotations
 from importlib import import_module
 
 __version__ = "0.1.0"
-TYPE_CHECKING = False  # as typing has it, which takes long to load
+TYPE_CHECKING = False  # like typing's, which takes long to load
 
 if TYPE_CHECKING:
     from . import (  # noqa: F401
@@ -141,7 +141,7 @@ __all__ = [
 ]
 
 
-if not TYPE_CHECKING:  # or a type checker would take it for the type of every name, wrong ones too
+if not TYPE_CHECKING:  # hidden from type checkers, which would then accept any name
 
     def __getattr__(name: str) -> object:
         if name in _HOME:

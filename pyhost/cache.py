@@ -1,7 +1,7 @@
 """What is kept between runs, under ``$XDG_CACHE_HOME/lightdome`` or ``~/.cache/lightdome``.
 
-Everything in it can be made again; where it cannot be written, nothing is kept. PoCL and pyopencl keep their
-programs beside it.
+Everything in it can be made again; if it cannot be written, nothing is kept. PoCL and pyopencl keep their programs
+beside it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ ROOM = 64 << 20  # bytes; PoCL compiles through files in its cache, and ends the
 def _base() -> Path:
     """``$XDG_CACHE_HOME``, else ``.cache`` in the user's home; without one, below the null device: nothing is kept."""
     given = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    if given.is_absolute():  # others are to be ignored, by the specification of that variable
+    if given.is_absolute():  # relative paths are to be ignored, says the specification
         return given
     home = Path(os.environ.get("HOME", ""))
     if not home.is_absolute():
@@ -47,11 +47,11 @@ def cache_folder(kind: str) -> Path:
 
 
 def ensure_room() -> None:
-    """Set in this process's environment what OpenCL implementations cannot do without, where it is not sound.
+    """Mend this process's environment where it lacks what OpenCL implementations need.
 
-    That is a ``PATH`` with a linker, and a folder for caches: where that cannot be written or is full, a temporary one
-    until the process ends. Where ``HOME`` does not lead to it, as under cron, ``XDG_CACHE_HOME`` does.
-    Raises :class:`LightdomeError` where there is no room for a temporary folder either.
+    That is a ``PATH`` with a linker, and a folder for caches: if the usual one cannot be written or is full, a
+    temporary one until the process ends. If ``HOME`` does not lead to it, as under cron, ``XDG_CACHE_HOME`` is set.
+    Raises :class:`LightdomeError` if there is no room for a temporary folder either.
     """
     if shutil.which("ld", path=os.environ.get("PATH", "")) is None:  # PoCL runs it for each kernel
         os.environ["PATH"] = os.pathsep.join(filter(None, (os.environ.get("PATH"), os.defpath)))
@@ -98,7 +98,7 @@ def key_of(*parts: str | bytes | memoryview) -> str:
 
 
 def remembered(kind: str, key: str, make: Callable[[], np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
-    """The float32 array that ``make`` returned for ``key`` before, or now.
+    """The float32 array that ``make`` returned for ``key`` in an earlier run, or returns now.
 
     What is on disk counts only if it has ``shape`` and matches the checksum beside it.
     """

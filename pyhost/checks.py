@@ -1,6 +1,6 @@
-"""Checks of what public functions are given: one line says what was expected and what came.
+"""Checks of the arguments of public functions: one line says what was expected and what was given.
 
-Each returns the value in the one form that the rest of the code knows, and raises :class:`LightdomeError`.
+Each returns the value in the one form that the rest of the code knows, or raises :class:`LightdomeError`.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def told(value: object) -> str:
 
 
 def instance(what: str, value: object, kind: type) -> None:
-    """Refuse what is no ``kind``, as where two arguments are exchanged."""
+    """Refuse a value that is not of type ``kind``, as when two arguments are exchanged."""
     if not isinstance(value, kind):
         raise LightdomeError(
             f"{what} must be of type {kind.__name__}, got {told(value)}; check the order of the arguments"
@@ -56,7 +56,7 @@ def instance(what: str, value: object, kind: type) -> None:
 
 
 def whole(what: str, value: object, low: int, high: int) -> int:
-    """A whole number from ``low`` to ``high``; of any integer type, but no float, and no bool."""
+    """A whole number from ``low`` to ``high``, of any integer type, but not a float or a bool."""
     try:
         number = None if isinstance(value, bool) else operator.index(value)  # type: ignore[arg-type]
     except TypeError:
@@ -67,7 +67,7 @@ def whole(what: str, value: object, low: int, high: int) -> int:
 
 
 def wholes(what: str, values: object, low: int, high: int) -> list[int]:
-    """One whole number from ``low`` to ``high``, or more, in a list or any other sequence."""
+    """At least one whole number from ``low`` to ``high``, in a list or any other sequence."""
     try:
         is_list = not isinstance(values, str | bytes) and np.ndim(values) == 1  # type: ignore[arg-type]
     except ValueError:  # lists of different lengths
@@ -81,7 +81,7 @@ def wholes(what: str, values: object, low: int, high: int) -> list[int]:
 
 
 def real(what: str, value: object, wanted: str, low: float, high: float = math.inf) -> float:
-    """A finite number from ``low`` to ``high``, which ``wanted`` says in words."""
+    """A finite number from ``low`` to ``high``; ``wanted`` says that in words."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value.item()
     number = math.nan
@@ -101,7 +101,7 @@ def positive(what: str, value: object) -> float:
 
 
 def albedo(value: object) -> float:
-    """A surface's albedo; above 1 it is no surface's, but useful as a scale."""
+    """A surface's albedo; above 1 no surface has it, but it is useful as a scale."""
     return real("the albedo", value, f"a number from 0 to {LARGEST:.2g}", 0, LARGEST)
 
 
@@ -113,7 +113,7 @@ def choice(what: str, value: object, names: Iterable[str]) -> str:
 
 
 def path(value: object) -> Path:
-    """A file's path, which Python can pass to the system."""
+    """A file's path that Python can pass to the operating system."""
     if not isinstance(value, str | os.PathLike):
         raise LightdomeError(f"a file must be named by a path, got {told(value)}")
     result = Path(os.fsdecode(value))
@@ -135,7 +135,7 @@ def optional_text(what: str, value: object) -> str | None:
 
 
 def flag(what: str, value: object) -> bool:
-    """True or False; numbers and texts are refused, since 'no' would be true."""
+    """True or False; numbers and strings are refused, since 'no' would be true."""
     if not isinstance(value, bool | np.bool_):
         raise LightdomeError(f"{what} must be True or False, got {told(value)}")
     return bool(value)

@@ -22,7 +22,7 @@ def run(main: Callable[[], None]) -> NoReturn:
     A signal ends it with 130 (Ctrl-C), 143 (SIGTERM) or 129 (SIGHUP).
     """
     for stream in ("stdout", "stderr"):
-        if getattr(sys, stream) is None:  # closed by who started us
+        if getattr(sys, stream) is None:  # closed by the parent process
             setattr(sys, stream, open(os.devnull, "w"))  # noqa: PTH123, SIM115 - until we exit
     # Flush every line, so that messages keep their order when both streams go to one pipe, and escape what this
     # output cannot encode, as in the name of a file.
@@ -36,7 +36,7 @@ def run(main: Callable[[], None]) -> NoReturn:
 
 
 def _clear_up() -> None:
-    """Remove half files, processes and temporary folders when the process ends without running any ``finally``."""
+    """Remove unfinished files, child processes and temporary folders: the process ends without any ``finally``."""
     if processes := sys.modules.get("multiprocessing"):
         for process in processes.active_children():
             process.kill()
@@ -63,10 +63,10 @@ def _status(main: Callable[[], None]) -> int:
 
 
 def _shortage(error: Exception) -> str | None:
-    """What the machine has too little of, if that is what ``error`` says, and what to do."""
+    """What the machine lacks, if ``error`` says that it lacks something, and what to do."""
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
         return f"cannot write {error.filename or 'the output'}: {error.strerror}; make room there"
-    # A device may notice only when a kernel runs that it has not enough memory. pyopencl is not imported for this.
+    # A device may run out of memory only when a kernel runs. pyopencl is not imported for this.
     cl = sys.modules.get("pyopencl")
     codes = ("MEM_OBJECT_ALLOCATION_FAILURE", "OUT_OF_RESOURCES", "OUT_OF_HOST_MEMORY")
     on_device = cl and isinstance(error, cl.Error) and error.code in [getattr(cl.status_code, code) for code in codes]
@@ -77,7 +77,7 @@ def _shortage(error: Exception) -> str | None:
 
 
 def _flush_or_drop() -> None:
-    """Write what standard output still holds; drop it where that fails, or the interpreter tries again at its exit."""
+    """Flush standard output; what cannot be written is dropped, or the interpreter would try again at its exit."""
     try:
         sys.stdout.flush()
     except OSError:

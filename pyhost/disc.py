@@ -15,7 +15,7 @@ MAX_RESOLUTION = 16384
 
 
 def check_resolution(resolution: int) -> int:
-    """The resolution of an image; raises :class:`LightdomeError` for one that no image can have."""
+    """The resolution of an image; raises :class:`LightdomeError` unless it is a whole number from 1 to 16384."""
     return checks.whole("the resolution", resolution, 1, MAX_RESOLUTION)
 
 
@@ -43,6 +43,6 @@ def disc_tiles(resolution: int, pixels: int, rows: int) -> np.ndarray:
 
 
 def note_tiles(decisions: Decisions, tiles: np.ndarray, resolution: int, pixels: int, rows: int) -> None:
-    """Note that tiles of an image were left out, if ``tiles`` are fewer than it takes to cover it."""
+    """Note that tiles of an image were skipped, if ``tiles`` are fewer than would cover it."""
     if len(tiles) < -(-resolution // pixels) * -(-resolution // rows):
         decisions.skip("tiles outside the disc", "no pixel there shows the sphere")

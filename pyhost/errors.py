@@ -1,4 +1,4 @@
-"""The one exception that means: the user can mend this."""
+"""The one exception for what a user can put right, and text for its messages."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ class LightdomeError(Exception):
 
 
 def shown(text: object) -> str:
-    """Text as it can be printed on one line: what is no character, or moves the cursor, is escaped as in Python."""
+    """Text that prints on one line: characters that do not print, or move the cursor, are escaped as in Python."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(text))
 
 
 def exactly(value: float) -> str:
-    """The shortest text that is the same number when it is read: what was given hides no digit."""
+    """The shortest text that reads back as the same number."""
     return repr(float(value)).removesuffix(".0")
 
 
 def quoted(text: str) -> str:
-    """Text from a user or a file, in quotes, printable and not too long; nothing is ''."""
+    """Text from a user or a file, in quotes, printable and not too long."""
     return shown(repr(text[:200]))[:202]
 
 
 def one_line(message: object) -> str:
-    """What another library says, fit for a :class:`LightdomeError`: its first line, printable and not too long."""
+    """Another library's message for use in a :class:`LightdomeError`: its first line, printable and not too long."""
     lines = str(message).strip().splitlines() or ["no reason given"]
     return shown(lines[0][:200])[:200]

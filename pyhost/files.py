@@ -12,17 +12,17 @@ from pathlib import Path
 
 from .errors import LightdomeError
 
-# What :func:`abandon` removes. A process that ends without unwinding must find it, also from another thread.
+# What :func:`abandon` removes, which may be called from any thread, as the process ends without unwinding.
 _unfinished: set[Path] = set()
 
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary file beside ``path``; rename it to ``path`` when the block ends well.
+    """Yield a temporary file beside ``path``; rename it to ``path`` if the block succeeds.
 
     The temporary name starts with a dot and keeps the suffix, so that writers that choose a
     format by the suffix work. If the block raises, nothing is left; a process that is killed with SIGKILL
-    leaves that hidden file. An operating system's refusal (a full disk, no permission) is raised as
+    leaves the hidden file behind. Errors of the operating system (a full disk, no permission) are raised as
     :class:`LightdomeError`.
     """
     path = Path(path)
@@ -32,7 +32,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
     # Everything from here on can be interrupted at any moment.
     try:
         if path.exists() and not path.is_file():
-            raise LightdomeError(f"cannot write {path}: it is there and is no ordinary file")
+            raise LightdomeError(f"cannot write {path}: it exists and is not a regular file")
         _unfinished.add(temporary)
         temporary.touch(exist_ok=False)
         yield temporary
@@ -40,13 +40,13 @@ def replacing(path: str | Path) -> Iterator[Path]:
     except OSError as error:
         raise cannot_write(path, error.strerror or str(error)) from error
     finally:
-        with suppress(OSError):  # as where the folder is none
+        with suppress(OSError):  # the folder may not exist
             temporary.unlink(missing_ok=True)
         _unfinished.discard(temporary)
 
 
 def write_json(path: str | Path, content: Mapping[str, object], allow_nan: bool = False) -> None:
-    """Write ``content`` as JSON for people to read too; ``ValueError`` for a number that is none, unless allowed."""
+    """Write ``content`` as indented JSON. Raises ``ValueError`` for NaN and infinity, unless ``allow_nan``."""
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(content, indent=2, allow_nan=allow_nan) + "\n", encoding="utf-8")
 

@@ -63,20 +63,23 @@ COMMANDS = {
 
 @dataclass(frozen=True)
 class Estimator:
-    """What is known of an estimator with fresh samples for every pixel."""
+    """An estimator with fresh samples for every pixel; its kernel is ``rendering/render_NAME.cl``.
 
-    pixels: Literal["centres", "areas"]  # what it takes the map's pixels for, and so which exact image it converges to;
-    # one for `centres` has a kernel rendering/render_NAME_areas.cl too, for directions anywhere within a pixel
-    operations: int  # of one sample with a Sobol point, as lightdome.evaluation.roofline_stages counts them
+    - ``pixels``: what it takes the map's pixels for, and so which exact image it converges to. With ``centres`` there
+      is also a kernel ``rendering/render_NAME_areas.cl``, for directions anywhere within a pixel
+    - ``operations``: of one sample with a Sobol point, as :mod:`lightdome.evaluation.roofline_stages` counts them
+    """
+
+    pixels: Literal["centres", "areas"]
+    operations: int
 
 
-# A Sobol point: two coordinates, each Owen's scramble and the reversal of bits; the cosine (3), what it is divided by
-# (4), the sum (3); and
+# Operations that all have in common: a Sobol point (two coordinates, each scrambled and its bits reversed), the cosine
+# (3), its divisor (4) and the sum (3). The others are named behind each.
 _SAMPLE = 2 * (8 + 23) + 10
 _LIGHT = _SAMPLE + 2  # sin theta cos phi and sin theta sin phi
 _BSDF = _SAMPLE + 2 + 12 + 12 + 24  # roots, sine and cosine, a frame about n, two arc tangents
 
-# A kernel rendering/render_NAME.cl for each.
 ESTIMATORS = {
     "light": Estimator("centres", _LIGHT),
     "bsdf": Estimator("areas", _BSDF),
@@ -90,7 +93,7 @@ def per_pixel(estimator: str, sequence: str) -> str:
     return estimator if sequence == "independent" else f"{estimator}-{sequence}"
 
 
-# The benchmark's, in its order.
+# The benchmark's methods, in its order.
 METHODS = (
     *SEQUENCES,
     "median-cut",

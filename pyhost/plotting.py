@@ -32,7 +32,7 @@ def _import() -> None:
     backend = os.environ.pop("MPLBACKEND", None)
     log = logging.getLogger("matplotlib")
     level = log.level
-    # It would warn of settings that are not used here, and of a folder that it can do without.
+    # It would warn about settings that are not used here, and about a folder that it can do without.
     log.setLevel(logging.ERROR)
     try:
         import matplotlib
@@ -48,7 +48,7 @@ def _import() -> None:
             os.environ["MPLBACKEND"] = backend
     if backend:
         with contextlib.suppress(ValueError):
-            matplotlib.rcParams["backend"] = backend  # as it had done itself
+            matplotlib.rcParams["backend"] = backend  # as matplotlib itself would have done
 
 
 _import()

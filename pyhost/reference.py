@@ -96,8 +96,8 @@ def exact(radiance: np.ndarray, normal: np.ndarray, albedo: float = 1.0) -> np.n
 def exact_areas(radiance: np.ndarray, normal: np.ndarray, albedo: float = 1.0, nodes: int = 16) -> np.ndarray:
     """Radiance of a diffuse surface with normals (M, 3) under a map whose pixels are areas, (M, 3).
 
-    Gauss-Legendre quadrature over theta with ``nodes`` between any two angles where the integrand has a kink: rows'
-    edges, where the horizon crosses a column's edge, and its highest and lowest point. Over phi it is exact: on a
+    Over theta, Gauss-Legendre quadrature with ``nodes`` between neighbouring kinks of the integrand: the edges of rows,
+    where the horizon crosses a column's edge, and the horizon's highest and lowest points. Over phi it is exact: on a
     latitude, n . w = a cos(phi - phi_n) + b is above 0 on one arc.
     """
     height, width = radiance.shape[:2]

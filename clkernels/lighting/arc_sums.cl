@@ -1,19 +1,19 @@
-// Prefix sums along the rows of an environment map of w L^T: what any arc of a row sends, as one difference.
+// Prefix sums of w L^T along the rows of an environment map: what an arc of a row sends is then one difference.
 //
 //     arc(k) = sum over columns x < k of w (R, G, B) row_weight(y)      k = -half .. width,  half = (width + 1) / 2
 //
-// Columns below 0 are those of the row's end, so an arc of at most one turn about 0 <= phi <= pi needs no wrapping.
-// Sums are double words: a sun in the row leaves what its other arcs send their digits.
+// Columns below 0 are those at the end of the row, so an arc of at most one turn about any 0 <= phi <= pi needs no
+// wrapping. Sums are double words, so that a sun in the row does not cost other arcs their digits.
 //
 // radiance    height x width x 3 floats, finite and >= 0
 // theta, phi  (sin, cos) of every row and of every column
-// row_weight  by row: a power of two that keeps the sums inside float's range, and the pixel's solid angle / pi
+// row_weight  by row: a pixel's solid angle / pi, times a power of two that keeps the sums inside float's range
 // first       the first row of this band
 // arcs        band x (half + width + 1) x 2 x 16 floats: high and low words of w_x L, w_y L, w_z L (4 floats each, the
-//             last 0) and 4 zeros: one cache line a word. With GREY the channels are the same, and a word has 4 floats:
-//             w_x, w_y, w_z times the one, and 0
+//             last 0) and 4 zeros: one cache line per word. With GREY the channels are equal, and a word has 4 floats:
+//             w_x, w_y, w_z times the one channel, and 0
 //
-// One work-item a row.
+// One work-item per row.
 
 #include "common/double_word.clh"
 #include "lighting/arc.clh"

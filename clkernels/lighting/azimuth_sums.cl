@@ -6,8 +6,8 @@
 // cosine, sine  orders x width: cos(m phi_x) and sin(m phi_x)
 // sum           height x orders x 6 floats: R, G, B with the cosine, then with the sine
 //
-// One work-item an (m, y), 16 pixels at a time. Chunks of pixels are summed in single precision, and the chunks' sums in
-// double words.
+// One work-item per (m, y), 16 pixels at a time. Chunks of pixels are summed in single precision, and the chunks' sums
+// in double words.
 
 #include "common/double_word.clh"
 #include "common/lanes.clh"

@@ -1,8 +1,11 @@
 // Prefix sums down the columns, in place: what row_sums.cl left becomes a summed-area table (Crow 1984).
 //
-//     energy(x, y) = sum over i <= x, j <= y of the light of pixel (i, j); so with lit
+//     energy(x, y) = sum over i <= x, j <= y of the light of pixel (i, j)
+//     lit(x, y)    = the number of these pixels that are lit
 //
-// One work-item a strip of COLUMNS columns.
+// energy, lit  height x width
+//
+// One work-item per strip of COLUMNS columns.
 
 kernel void column_sums(const uint width, const uint height, global ulong *restrict energy, global uint *restrict lit)
 {

@@ -1,16 +1,16 @@
 // The diffuse sphere under a whole environment map: every pixel of the map counts once, yet no loop goes over pixels.
 //
-// On a row of the map, at the polar angle theta, the lights above a pixel's horizon are those of one arc about
-// the normal's azimuth: cos(phi - phi_n) > q = -(n_y cos theta) / (sqrt(1 - n_y^2) sin theta). All of an image row has
-// the same n_y, so the arc's half angle depends on the two rows only. Cosine is linear until it is clamped, so what
-// the arc sends is n . M, where M, the sum of w L^T over the arc, is the difference of two prefix sums
-// (arc_sums.cl). For height rows and R x R pixels that is R^2 height steps where the plain sum has R^2 height width.
-// A light at the very end of the arc is on the horizon, so whether rounding counts it or not changes nothing.
+// On a row of the map, at the polar angle theta, the lights above a pixel's horizon are those of one arc about the
+// normal's azimuth: cos(phi - phi_n) > q = -(n_y cos theta) / (sqrt(1 - n_y^2) sin theta). All pixels of an image row
+// have the same n_y, so the arc's half angle depends on the two rows only. Cosine is linear until it is clamped, so
+// what the arc sends is n . M, where M, the sum of w L^T over the arc, is the difference of two prefix sums
+// (arc_sums.cl). For height rows and R x R pixels that is R^2 height steps where the plain sum has R^2 height width. A
+// light at the very end of the arc is on the horizon, so whether rounding counts it or not changes nothing.
 //
 // arcs        from arc_sums.cl, for rows first .. first + rows - 1
-// half_arc    resolution x height: the half angle in columns, 0 where the row is dark, half the width where all is lit
+// half_arc    resolution x height: the half angle in columns; 0 if the map row is dark, width / 2 if all of it lights
 //
-// Other arguments: sphere.clh. Source of n . M: Arvo, The Irradiance Jacobian (1994). One work-item a tile.
+// Other arguments: sphere.clh. Source of n . M: Arvo, The Irradiance Jacobian (1994). One work-item per tile.
 
 #include "common/image_sum.clh"
 #include "common/angle.clh"

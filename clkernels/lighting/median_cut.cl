@@ -9,7 +9,7 @@
 // edge_sine    height + 1 floats, sin(theta) of the rows' edges
 // region       light_count x (x0, y0, x1, y1): columns x0 .. x1 - 1 and rows y0 .. y1 - 1
 //
-// One work-item a light: it walks down the tree of cuts to its own region. Light i of a region of n lights is in
+// One work-item per light: it walks down the tree of cuts to its own region. Light i of a region of n lights is in
 // the first part if that holds more than i.
 
 // name(table, width, r): the sum over the region r, from a summed-area table of Ts.
@@ -54,7 +54,7 @@ static inline uint cut(global const ulong *energy, uint width, uint4 r, int axis
         }
     }
     const ulong before_low = low == begin ? 0 : energy_in(energy, width, before(r, axis, low));
-    // The nearer of both, if it leaves energy on either side.
+    // The nearer of the two, if it leaves energy on both sides.
     if (before_low == 0)
         return before_high == total ? 0 : high;
     return before_high == total || target - before_low <= before_high - target ? low : high;

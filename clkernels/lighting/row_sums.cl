@@ -5,15 +5,15 @@
 //     lit(x, y)    = number of i <= x with q(i, y) > 0
 //     row(y)       = (sum of the q <= cap, number of q > cap, number of q > 0)
 //
-// 2^k is such that the sum over the map is below 2^63, so that sums and differences of any of them are
-// exact whatever the range of the map, in any order; column_sums.cl completes the table.
+// 2^k keeps the sum over the map below 2^63, so all sums and differences are exact, in any order, whatever the range
+// of the map. column_sums.cl completes the table.
 //
 // radiance     height x width x 3 floats, finite and >= 0
 // sin_theta    height floats
 // quantum      two powers of two whose product is 2^k
 // energy, lit  height x width
 //
-// One work-item a row, 16 pixels at a time.
+// One work-item per row, 16 pixels at a time.
 
 #include "common/prefix_sum.clh"
 

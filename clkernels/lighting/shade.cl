@@ -2,10 +2,10 @@
 //
 //     image(n) = sum over lights of E max(0, n . w)
 //
-// lights  light_count x 6 floats: direction w, and E = albedo / pi x flux in red, green, blue; or with GREY x 4, as the
-//         three are the same
+// lights  light_count x 6 floats: direction w, and E = albedo / pi x flux in red, green, blue; with GREY only 4 floats
+//         each, as the channels are equal
 //
-// Other arguments: sphere.clh. One work-item a tile of WIDTH x ROWS pixels. Chunks of lights are summed in single
+// Other arguments: sphere.clh. One work-item per tile of WIDTH x ROWS pixels. Chunks of lights are summed in single
 // precision, and the chunks' sums in double words, so that half a million lights lose no more digits than a hundred.
 
 #include "common/double_word.clh"

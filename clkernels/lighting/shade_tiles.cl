@@ -9,11 +9,11 @@
 // image is the brute-force one (shade.cl) up to rounding. Lights come sorted, so that groups of 16 lie close
 // together: of most groups all light the tile, or none, and their bounds and matrix are all that is looked at.
 //
-// lights          6 rows of stride floats: w_x, w_y, w_z, and E = albedo / pi x flux in red, green, blue, or with GREY
-//                 4, as the three are the same; stride is a multiple of 16, E of the lights past the last one is zero
+// lights          6 rows of stride floats: w_x, w_y, w_z, and E = albedo / pi x flux in red, green, blue; with GREY 4
+//                 rows, as the channels are equal. stride is a multiple of 16, and E beyond the last light is 0
 // bounds, groups  of groups of 16 lights, see light_groups.cl
 //
-// Other arguments: sphere.clh. One work-item a tile of 16 x ROWS pixels (ROWS even): vectors of 16 lights to classify
+// Other arguments: sphere.clh. One work-item per tile of 16 x ROWS pixels (ROWS even): vectors of 16 lights to classify
 // and sum, vectors of 16 pixels to evaluate.
 
 #include "common/channels.clh"
@@ -29,7 +29,7 @@
 
 typedef struct {
     float16 hi, lo;
-} DoubleWord16;
+} double_word16;
 
 static inline float max16(float16 v)
 {
@@ -39,13 +39,13 @@ static inline float max16(float16 v)
     return fmax(p.x, p.y);
 }
 
-static inline void add_to(private DoubleWord16 *sum, float16 x)
+static inline void add_to(private double_word16 *sum, float16 x)
 {
     DOUBLE_WORD_ADD(float16, sum->hi, sum->lo, x);
 }
 
 // Append to the list of n lights each of `first` .. first + 15 whose lane is true, and return the list's new length.
-// There is no branch: every light is written, and one that does not belong there is written over by the next.
+// There is no branch: every light is written, and one that does not belong is overwritten by the next.
 static inline uint append(private uint *list, uint n, uint first, int16 belongs)
 {
     int is_one_more[LANES];
@@ -122,10 +122,10 @@ kernel void shade_tiles(global const uint2 *restrict tiles,
     uint list[LIST + LANES];
     uint n = 0;
     bool spilled = false;
-    DoubleWord16 sum[ROWS * CHANNELS];
+    double_word16 sum[ROWS * CHANNELS];
 
     // M of the lights that light the whole tile: of groups as they come, of single lights by channel, axis and lane.
-    DoubleWord16 group_matrix, matrix[3 * CHANNELS];
+    double_word16 group_matrix, matrix[3 * CHANNELS];
     group_matrix.hi = group_matrix.lo = 0.0f;
     for (int k = 0; k < 3 * CHANNELS; ++k)
         matrix[k].hi = matrix[k].lo = 0.0f;

@@ -1,4 +1,4 @@
-// What lies in spans of a map's rows: its radiance, and its moments along the row.
+// Sums over spans of a map's rows: of the radiance, and of its moments along the row.
 //
 //     sum = sum over x in [begin, end) of scale (R, G, B, I cos(phi_x), I sin(phi_x)), I = R + G + B
 //
@@ -7,7 +7,7 @@
 // span      span_count x (y, begin, end)
 // sum       span_count x 8 floats, the last three 0
 //
-// One work-item a span. Sums keep their rounding errors, so a span may be as long as a row.
+// One work-item per span. Sums are double words, so a span may be as long as a row.
 
 #include "common/double_word.clh"
 

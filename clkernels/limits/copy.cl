@@ -1,10 +1,10 @@
-// The limit of all that moves data: read floats and write them elsewhere.
+// The limit for everything that moves data: read floats and write them elsewhere.
 //
 //     to(i) = from(i)
 //
-// from, to  VECTORS x global size vectors of 4 floats
+// from, to  global size x VECTORS vectors of 4 floats
 //
-// One work-item VECTORS neighbouring vectors.
+// One work-item per VECTORS neighbouring vectors of 4 floats.
 
 kernel void copy(global const float4 *restrict from, global float4 *restrict to)
 {

@@ -1,4 +1,4 @@
-// The limit of all that is short: a kernel that does nothing. Its time is that of a launch.
+// The limit for short kernels: this one does nothing, so its time is that of a launch.
 
 kernel void launch(void)
 {

@@ -1,12 +1,13 @@
-// The limit of all that computes: chains of multiply-adds that wait for nothing but themselves.
+// The limit for everything that computes: chains of multiply-adds, each of which waits only for itself.
 //
 //     x = x factor + term, `steps` times, in 16 x CHAINS chains that begin at 0, 1, 2, ...
 //
-// With factor and term 1, which only the host knows, a chain counts its own steps.
+// The host passes 1 for factor and term, so that a chain counts its own steps. The compiler does not know that, and can
+// leave none out.
 //
-// result  16 floats a work-item: the sums of lanes over the chains
+// result  16 floats per work-item: the sums over its chains, lane by lane
 //
-// One work-item 16 x CHAINS chains: enough to cover the latency of a multiply-add.
+// One work-item per 16 x CHAINS chains: enough to cover the latency of a multiply-add.
 
 #include "common/fma.clh"
 

@@ -3,8 +3,8 @@
 //     f = scale (R + G + B)        flux(cell) = sum over its pixels of f sin(theta)
 //
 // theta, phi         (sin, cos) of every row and of every column
-// spread             by row: how far from the centre of its pixels directions may be, 0 for centres alone
-// size               pixels of a cell across and down; the last ones may have fewer
+// spread             by row: how far directions may be from the centres of their pixels; 0 if all are centres
+// size               pixels of a cell across and down; the last cells may have fewer
 // cell_row_cdf       height x width integers (prefix_sum.clh), over the pixels of a row that share a cell
 // cell_marginal_cdf  cells across x height integers, over the rows of a cell
 // flux               cells down x cells across
@@ -12,7 +12,7 @@
 //                    farthest direction in a lit pixel from it
 //
 // A cell has CDFs of its own, because beside a bright pixel elsewhere in the row its pixels may weigh less
-// than the row's CDF resolves, and yet be all the light that some normals see. One work-item a cell.
+// than the row's CDF resolves, and yet be all the light that some normals see. One work-item per cell.
 
 #include "common/prefix_sum.clh"
 #include "rendering/product.clh"

@@ -4,11 +4,11 @@
 //
 // flux, cell_cones   from cells.cl, cells.y x cells.x; C is product.clh's
 // tile_cones         (axis, reach) of the normals of every tile that meets the disc
-// total              one a tile; stays 0 for a tile outside the disc
+// total              one per tile; stays 0 for a tile outside the disc
 // tile_row_cdf       a tile's cells.y x cells.x integers (prefix_sum.clh), over the cells of one row
 // tile_marginal_cdf  a tile's cells.y integers, over its rows of cells
 //
-// One work-item a tile of tile_size x tile_size pixels.
+// One work-item per tile of tile_size x tile_size pixels.
 
 #include "common/prefix_sum.clh"
 #include "common/normal.clh"

@@ -1,4 +1,4 @@
-// Per-pixel Monte Carlo of the diffuse sphere: directions drawn as the cosine. Arguments: pixel_block.clh.
+// Per-pixel Monte Carlo of the diffuse sphere: directions sampled by the cosine. Arguments: pixel_block.clh.
 //
 // The density is c / pi, so the image is albedo F / pi times the mean over samples of
 //
@@ -7,7 +7,7 @@
 // Directions fall anywhere in a pixel of the map, whose radiance is constant over its area, so this converges to the
 // integral over areas (exact_areas.cl).
 //
-// One work-item BLOCK pixels.
+// One work-item per BLOCK pixels.
 
 #include "rendering/cosine_block.clh"
 
@@ -31,7 +31,7 @@ kernel void render_bsdf(global const float *restrict radiance,
     for (uint i = 0; i < BLOCK; ++i)
         weight[i] = k;
     for (uint s = begin; s < end; ++s) {
-        // The pixel of the map that a direction lies in, drawn as the cosine
+        // The pixel of the map in which a direction sampled by the cosine lies
         uint across[BLOCK], down[BLOCK], x[BLOCK], y[BLOCK];
         float cosine[BLOCK];
         next_points(&block.streams, s, across, down);

@@ -1,4 +1,4 @@
-// Per-pixel Monte Carlo of the diffuse sphere: directions drawn as the light is. Arguments: pixel_block.clh.
+// Per-pixel Monte Carlo of the diffuse sphere: directions sampled by the light. Arguments: pixel_block.clh.
 //
 // The density is S / F, so the image is albedo F / pi times the mean over samples of
 //
@@ -7,7 +7,7 @@
 // No term is above 1, so nothing overflows whatever the range of the map. Directions are centres of the map's pixels,
 // as in sample.cl, so this converges to the sum over centres (exact.cl).
 //
-// One work-item BLOCK pixels.
+// One work-item per BLOCK pixels.
 
 #include "common/guided.clh"
 #include "rendering/pixel_block.clh"
@@ -38,12 +38,12 @@ kernel void render_light(global const float *restrict radiance,
     const guided_map map = {row_cdf, marginal_cdf, marginal_guide, row_guide, row_total, marginal_shift, row_shift,
                             width, height};
     for (uint s = begin; s < end; ++s) {
-        // A pixel of the map, drawn as its light
+        // A pixel of the map, sampled by its light
         uint across[BLOCK], down[BLOCK], x[BLOCK], y[BLOCK];
         block_directions w;
         next_points(&block.streams, s, across, down);
         pick_pixels(&map, across, down, BLOCK, x, y);
-        block_centres(theta, phi, x, y, &w);
+        block_centres(theta, phi, x, y, BLOCK, &w);
 
         // c L / S
         float c[BLOCK];

@@ -1,11 +1,11 @@
-// Per-pixel Monte Carlo of the diffuse sphere: directions drawn as the light is. Arguments: pixel_block.clh, and edge.
+// Per-pixel Monte Carlo of the diffuse sphere: directions sampled by the light. Arguments: pixel_block.clh, and edge.
 //
-// This is render_light.cl, but directions are even over the solid angle of the map's pixels, so it converges to the
-// integral over areas (exact_areas.cl).
+// This is render_light.cl, except that directions are uniform over the solid angle of the map's pixels, so it converges
+// to the integral over areas (exact_areas.cl).
 //
 // edge  cos(theta) at the height + 1 borders of rows
 //
-// One work-item BLOCK pixels.
+// One work-item per BLOCK pixels.
 
 #include "rendering/pixel_places.clh"
 
@@ -34,7 +34,7 @@ kernel void render_light_areas(global const float *restrict radiance,
     const guided_map map = {row_cdf, marginal_cdf, marginal_guide, row_guide, row_total, marginal_shift, row_shift,
                             width, height};
     for (uint s = begin; s < end; ++s) {
-        // A pixel of the map, drawn as its light, and a direction in it
+        // A pixel of the map, sampled by its light, and a direction in it
         uint across[BLOCK], down[BLOCK], x[BLOCK], y[BLOCK];
         block_directions w;
         next_points(&block.streams, s, across, down);

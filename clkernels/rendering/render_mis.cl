@@ -1,25 +1,25 @@
-// Per-pixel Monte Carlo of the diffuse sphere: a direction drawn as the light is and one drawn as the cosine, weighted.
+// Per-pixel Monte Carlo of the diffuse sphere: a direction sampled by the light and one by the cosine, both weighted.
 //
 // The densities are p_light = S / F and p_bsdf = c / pi; with q = S k, pi p_light = q and pi p_bsdf = c. By the power
 // heuristic (Veach 1997, 9.2.4; Pharr et al., 4th ed., 2.2.3) the image is albedo F / pi times the mean over samples of
 //
-//     c L / S x q^2 / (q^2 + c^2)        of the direction drawn as the light
-//         L k x c^2 / (q^2 + c^2)        of the direction drawn as the cosine
+//     c L / S x q^2 / (q^2 + c^2)        of the direction sampled by the light
+//         L k x c^2 / (q^2 + c^2)        of the direction sampled by the cosine
 //
 // No term is above 1, so nothing overflows whatever the range of the map. MIS compensation (Karlik et al. 2019) puts
-// max(0, S - offset) in the place of S in the light's density, F with it; L is the map's as before.
+// max(0, S - offset) in the place of S in the light's density, and its integral in the place of F; L stays the map's.
 //
-// The cosine's directions fall anywhere in a pixel, so the radiance is constant over a pixel, and the light's directions
-// are placed evenly over its solid angle: this converges to the integral over areas (exact_areas.cl).
+// The cosine's directions fall anywhere in a pixel, whose radiance is constant over its area. The light's directions
+// are uniform over its solid angle. So this converges to the integral over areas (exact_areas.cl).
 //
 // Arguments are those of pixel_block.clh, and
 //
 // row_cdf, marginal_cdf  of S - offset
 // edge                   cos(theta) at the height + 1 borders of rows
-// offset                 of the scaled map
-// seed                   the cosine takes points of stream 2^31 + i, where the light takes them of stream i
+// offset                 in units of the scaled map
+// seed                   pixel i's light samples take points of stream i, its cosine samples those of stream 2^31 + i
 //
-// One work-item BLOCK pixels.
+// One work-item per BLOCK pixels.
 
 #include "rendering/cosine_block.clh"
 #include "rendering/pixel_places.clh"
@@ -31,19 +31,19 @@ typedef struct {
     float scale;
     float offset;
     float k;
-} Light;
+} light_map;
 
 // q of a pixel of the map.
-static inline wide light_density(const Light *light, private const block_rgb *L, uint k)
+static inline wide light_density(const light_map *light, private const block_rgb *L, uint k)
 {
     return fmax(radiance_sum(L, k) - light->offset, (wide)(0.0f)) * light->k;
 }
 
 // c L / S with its weight q^2 / (q^2 + c^2) is L k / (q / c + c / q): no square that could leave float's range.
-static inline void add_light_samples(const Light *light, private const block3 *n, private const uint *across,
+static inline void add_light_samples(const light_map *light, private const block3 *n, private const uint *across,
                                      private const uint *down, private block_rgb *sum)
 {
-    // A pixel of the map, drawn as its light, and a direction in it
+    // A pixel of the map, sampled by its light, and a direction in it
     uint x[BLOCK], y[BLOCK];
     block_directions w;
     pick_directions(&light->map, light->edge, across, down, x, y, &w);
@@ -61,10 +61,10 @@ static inline void add_light_samples(const Light *light, private const block3 *n
 }
 
 // L k with its weight c^2 / (q^2 + c^2) is L k / (1 + (q / c)^2).
-static inline void add_cosine_samples(const Light *light, private const block3 *n, private const uint *across,
+static inline void add_cosine_samples(const light_map *light, private const block3 *n, private const uint *across,
                                       private const uint *down, private block_rgb *sum)
 {
-    // The pixel of the map that a direction lies in, drawn as the cosine
+    // The pixel of the map in which a direction sampled by the cosine lies
     uint x[BLOCK], y[BLOCK];
     float cosine[BLOCK], weight[BLOCK];
     block_cosine_pixels(n, across, down, light->map.width, light->map.height, x, y, cosine);
@@ -101,7 +101,7 @@ kernel void render_mis(global const float *restrict radiance,
                        const int resolution,
                        global float *restrict sum)
 {
-    const Light light = {
+    const light_map light = {
         .map = {row_cdf, marginal_cdf, marginal_guide, row_guide, row_total, marginal_shift, row_shift, width, height},
         .radiance = radiance,
         .edge = edge,

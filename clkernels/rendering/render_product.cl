@@ -2,7 +2,7 @@
 //
 // Directions are centres of the map's pixels, so this converges to the sum over centres (exact.cl).
 //
-// One work-item BLOCK pixels, in short loops.
+// One work-item per BLOCK pixels, in short loops.
 
 #include "rendering/product_block.clh"
 
@@ -43,13 +43,13 @@ kernel void render_product(global const uint *restrict tile_row_cdf,
         uint across[BLOCK], down[BLOCK], i[BLOCK], j[BLOCK], x[BLOCK], y[BLOCK];
         next_points(&block.streams, s, across, down);
         pick_cells(&cdfs, &tiles, across, down, i, j);
-        float place_across[BLOCK], place_down[BLOCK];  // that render_product_areas.cl takes
+        float place_across[BLOCK], place_down[BLOCK];  // for render_product_areas.cl, unused here
         pick_in_cells(&cdfs, i, j, across, down, x, y, place_across, place_down);
 
         // (L / S) (c / C)
         block_directions w;
         float weight[BLOCK];
-        block_centres(theta, phi, x, y, &w);
+        block_centres(theta, phi, x, y, BLOCK, &w);
         cosine_ratios(&cdfs, &tiles, i, j, &block.normal, &w, weight);
         block_add_colours(&block.samples, radiance, width, scale, x, y, weight);
     }

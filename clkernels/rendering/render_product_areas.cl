@@ -1,11 +1,11 @@
 // Per-pixel Monte Carlo of the diffuse sphere, with light samples that know about the cosine: see product_block.clh.
 //
-// This is render_product.cl, but directions are even over the solid angle of the map's pixels, so it converges to the
-// integral over areas (exact_areas.cl). The cells' cones hold their pixels whole (cells.cl).
+// This is render_product.cl, except that directions are uniform over the solid angle of the map's pixels, so it
+// converges to the integral over areas (exact_areas.cl). The cells' cones hold whole pixels (cells.cl).
 //
 // edge  cos(theta) at the height + 1 borders of rows
 //
-// One work-item BLOCK pixels, in short loops.
+// One work-item per BLOCK pixels, in short loops.
 
 #include "rendering/product_block.clh"
 
@@ -51,7 +51,7 @@ kernel void render_product_areas(global const uint *restrict tile_row_cdf,
         // (L / S) (c / C)
         block_directions w;
         float weight[BLOCK];
-        block_placed(edge, width, x, y, place_across, place_down, &w);
+        float_directions(edge, width, x, y, place_across, place_down, &w);
         cosine_ratios(&cdfs, &tiles, i, j, &block.normal, &w, weight);
         block_add_colours(&block.samples, radiance, width, scale, x, y, weight);
     }

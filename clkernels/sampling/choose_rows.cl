@@ -1,15 +1,16 @@
-// The rows that samples of an environment map fall into, and what picks the pixels in them.
+// The rows that samples of an environment map fall into, and the numbers that pick the pixels in them.
 //
-//     row(i) from the CDF over rows at the second half of point i, across(i) = the first half
+//     row(i) from the CDF over rows at `down`, across(i) = `across`, of point i = (across, down)
 //
 // marginal_cdf  from marginal_cdf.cl, height integers
 // seed, generator
 //               of the sequence that the points come from (sequence.clh)
 // row           count integers
 // across        count integers, fractions of 2^64
-// place         count integers: where in the row the point lies, as a fraction of 2^32 (within_pixel.clh)
+// place         count integers: where in the row's step of the CDF `down` lies, a fraction of 2^32 (within_pixel.clh)
 //
-// One work-item a sample, in whole groups. sample.cl does the same where the whole map is at hand.
+// One work-item per sample; those beyond `count`, which fill the last group, do nothing. sample.cl does the same when
+// the whole map is on the device.
 
 #include "common/sequence.clh"
 #include "common/within_pixel.clh"

@@ -1,14 +1,14 @@
 // Guide tables: where in an integer CDF (prefix_sum.clh) searches end, for all u of a bucket b = u >> shift.
 //
-// Most buckets hold no step of the CDF, or one to its next entry: then a comparison is all that is left of a search.
+// Most buckets hold no step of the CDF, or only one, to the next entry: then one comparison is all that a search takes.
 // Source: Chen and Asau, On Generating Random Variates from an Empirical Distribution (1974); Devroye, Non-Uniform
 // Random Variate Generation (1986), III.2.4; the split in a bucket's record is that of the alias method.
 //
-// cdf      n integers a CDF, one CDF after another
-// guide    2^32 >> shift records a CDF, see guided.clh; an empty CDF is never searched
+// cdf      n integers per CDF, one CDF after another
+// guide    2^32 >> shift records per CDF, see guided.clh; an empty CDF is never searched
 // total    the last entry of each CDF
 //
-// One work-item a CDF.
+// One work-item per CDF.
 
 #include "common/guided.clh"
 
@@ -29,7 +29,7 @@ kernel void guide(global const uint *restrict cdf,
     uint first = 0, end = 0;
     for (uint b = 0; b < buckets; ++b) {
         const ulong begin = (ulong)(b << shift) * sum, next = begin + ((ulong)sum << shift);
-        const uint least = begin >> 32, most = (next - sum) >> 32;  // of u = b << shift, and of the last u before the next
+        const uint least = begin >> 32, most = (next - sum) >> 32;  // of the first u in the bucket, and of the last
         while (cdf[first] <= least)
             ++first;
         end = max(end, first);

@@ -8,7 +8,7 @@
 // cdf        height integers
 // total      one double word
 //
-// One work-item in all: a few thousand rows are a few microseconds.
+// A single work-item: a few thousand rows take a few microseconds.
 
 #include "common/prefix_sum.clh"
 

@@ -3,16 +3,16 @@
 //     f(x, y) = max(0, scale (R + G + B) - offset)        row_sum(y) = sum over x of f(x, y)
 //     cdf(x, y) = prefix sum over x of f(x, y) as integers (prefix_sum.clh)
 //
-// sin(theta) is the same for a whole row, so p(x | y) = f(x, y) / row_sum(y) needs none of it.
+// sin(theta) is the same for a whole row, so p(x | y) = f(x, y) / row_sum(y) does not need it.
 //
 // radiance  height x width x 3 floats, finite and >= 0
 // scale     a power of two that keeps the sum over the map inside float's range
-// offset    the part of the light that something else samples, for MIS compensation
-//           with PLAIN, scale is 1 and offset 0, and neither is read
+// offset    for MIS compensation: the part of f that is left to another sampler, else 0
+//           With PLAIN, scale is 1 and offset 0, and neither is read.
 // cdf       height x width integers
 // row_sum   height double words
 //
-// One work-item a row: the first pass reads the map once, sums the weights and leaves them in `cdf`, the second turns
+// One work-item per row: the first pass reads the map once, sums the weights and leaves them in `cdf`, the second turns
 // them into prefix sums while they are still in the cache.
 
 #include "common/prefix_sum.clh"
@@ -36,7 +36,8 @@ static inline float weight_above(global const float *rgb, float scale, float off
 #endif
 }
 
-// The sum of 16 double words, always by the same tree: lanes 8, 4, 2 and 1 apart, all round, so that each holds it.
+// The sum of 16 double words, always by the same tree: lanes 8, 4, 2 and 1 apart are added, cyclically, so that in the
+// end every lane holds it.
 static inline float2 sum_of_double_words(float16 hi, float16 lo)
 {
     DOUBLE_WORD_SUM(float16, hi, lo, BEFORE_8(float, hi, hi), BEFORE_8(float, lo, lo));

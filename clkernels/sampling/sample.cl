@@ -2,7 +2,7 @@
 //
 //     y from the CDF over rows, x from the CDF of row y,  p(x, y) = f(x, y) sin(theta_y) / total
 //
-// Formulas, arguments and what a work-item does are in sample_block.clh.
+// The other formulas, the arguments and the work of a work-item are in sample_block.clh.
 
 #include "sampling/sample_block.clh"
 
@@ -29,11 +29,11 @@ kernel void sample(global const uint *restrict row_cdf,
     uint across[BLOCK], down[BLOCK], x[BLOCK], y[BLOCK];
     sequence_block(points, begin, count, generator, 0u, seed, across, down);
     search_pixels(row_cdf, marginal_cdf, width, height, across, down, x, y);
-    block_angles angles;
-    load_centres(theta, phi, x, y, n, &angles);
-    store_lights(radiance, width, scale, inverse_total, x, y, angles.sin_theta, begin, n, sample_radiance, pixel,
-                 probability);
-    move_within_pixels(row_cdf, marginal_cdf, row_versines, points, width, height, count, seed, across, down, x, y, begin,
-                       n, &angles);
-    store_directions(&angles, begin, n, direction);
+    block_directions w;
+    block_centres(theta, phi, x, y, n, &w);
+    store_samples(radiance, width, scale, inverse_total, x, y, w.sin_theta, begin, n, sample_radiance, pixel,
+                  probability);
+    move_within_pixels(row_cdf, marginal_cdf, row_versines, points, width, height, count, seed, across, down, x, y,
+                       begin, n, &w);
+    store_directions(&w, begin, n, direction);
 }

@@ -1,6 +1,6 @@
-// Draw directions as sample.cl does, by searches that begin at guide tables: quicker for many samples.
+// Draw directions as sample.cl does, by searches that begin at guide tables: faster for many samples.
 //
-// Formulas, arguments and what a work-item does are in sample_block.clh.
+// Formulas, arguments and the work of a work-item are in sample_block.clh.
 
 #include "sampling/sample_block.clh"
 
@@ -34,11 +34,11 @@ kernel void sample_guided(global const uint *restrict row_cdf,
     const guided_map map = {row_cdf, marginal_cdf, marginal_guide, row_guide, row_total, marginal_shift, row_shift,
                             width, height};
     pick_pixels(&map, across, down, n, x, y);
-    block_angles angles;
-    load_centres(theta, phi, x, y, n, &angles);
-    store_lights(radiance, width, scale, inverse_total, x, y, angles.sin_theta, begin, n, sample_radiance, pixel,
-                 probability);
-    move_within_pixels(row_cdf, marginal_cdf, row_versines, points, width, height, count, seed, across, down, x, y, begin,
-                       n, &angles);
-    store_directions(&angles, begin, n, direction);
+    block_directions w;
+    block_centres(theta, phi, x, y, n, &w);
+    store_samples(radiance, width, scale, inverse_total, x, y, w.sin_theta, begin, n, sample_radiance, pixel,
+                  probability);
+    move_within_pixels(row_cdf, marginal_cdf, row_versines, points, width, height, count, seed, across, down, x, y,
+                       begin, n, &w);
+    store_directions(&w, begin, n, direction);
 }

@@ -1,6 +1,6 @@
-// Draw pixels as sample.cl does, with their probabilities and without their directions.
+// Draw pixels as sample.cl does, with their probabilities but without directions and radiance.
 //
-// Formulas, arguments and what a work-item does are in sample_block.clh.
+// Formulas, arguments and the work of a work-item are in sample_block.clh.
 
 #include "sampling/sample_block.clh"
 

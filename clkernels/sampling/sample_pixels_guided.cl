@@ -1,8 +1,8 @@
-// Draw pixels with their probabilities, by searches that begin at guide tables: quicker for many samples.
+// Draw pixels as sample_pixels.cl does, by searches that begin at guide tables: faster for many samples.
 //
-// Formulas, arguments and what a work-item does are in sample_block.clh; besides
+// Formulas, arguments and the work of a work-item are in sample_block.clh, except for
 //
-// f  height x width floats, from map_weights.cl
+// f  height x width floats, from map_weights.cl: read in place of the radiance
 
 #include "sampling/sample_block.clh"
 

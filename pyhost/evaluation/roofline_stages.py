@@ -32,7 +32,7 @@ from ..opencl.memory import DeviceArray
 from ..rendering.per_pixel import render
 from ..sampling.cdf import RowCDFs, build_row_cdfs
 from ..sampling.distribution import Distribution, build_distribution
-from ..sampling.draw import PIXELS, draw, room_for, sequence_points
+from ..sampling.draw import PIXEL_OUTPUTS, draw, room_for, sequence_points
 
 MADE = "made"  # the name of maps that were made to be measured
 PAIR = 7  # operations for a pair of pixel and light
@@ -136,7 +136,7 @@ class MapStages:
         out: dict[str, DeviceArray] = {}
 
         def run() -> None:
-            out.update(out or room_for(self.device, N, PIXELS))
+            out.update(out or room_for(self.device, N, PIXEL_OUTPUTS))
             draw(self.distribution.map, self.distribution.cdf, sequence_points(N, 0, "independent"), out)
 
         yield self._stage("sample pixels", run, work, N=N)

@@ -1,4 +1,4 @@
-"""The image that a whole map makes of the diffuse sphere: every pixel of the map once, as its centre or as an area.
+"""The image of the diffuse sphere under a whole map: every pixel of the map once, as its centre or as an area.
 
 The conventions of camera and image are those of :mod:`lightdome.lighting.shade`. Kernels: ``arc_sums.cl`` with
 ``exact.cl`` or ``exact_areas.cl``.
@@ -22,17 +22,18 @@ from ..progress import Progress
 from ..sampling.device_map import DeviceMap
 from .horizon import LEAST_SHAPE, area_moments, horizon_tables
 
-ARCS_ROWS = 64  # that are added in single precision; the sum over bands is in double words
-ARCS_BYTES = 2**22  # prefix sums of a band of map rows that the image is summed from: about a second-level cache
+# The image is summed over bands of map rows: a band in single precision, the sum over bands in double words.
+ARCS_ROWS = 64  # most in a band
+ARCS_BYTES = 2**22  # most for a band's prefix sums: about a second-level cache
 # Part of the key of kept images: change it when the camera or a map's orientation changes.
 CONVENTION = "row 0 up, phi from +x to +z, camera along -z"
-KERNELS = {"centres": "lighting/exact", "areas": "lighting/exact_areas"}  # that add up the arcs of rows
+KERNELS = {"centres": "lighting/exact", "areas": "lighting/exact_areas"}  # they sum over the arcs of rows
 
 
 def exact_kept(
     device: Device, envmap: EnvironmentMap, resolution: int = 511, pixels: Literal["centres", "areas"] = "centres"
 ) -> np.ndarray:
-    """:func:`exact` with albedo 1, from the cache on disk if the same kernels have summed the same map before."""
+    """:func:`exact` with albedo 1; from the cache on disk, if the same kernels have summed the same map before."""
     checks.instance("the device", device, Device)
     checks.instance("the map", envmap, EnvironmentMap)
     resolution = check_resolution(resolution)
@@ -58,12 +59,11 @@ def exact(
     - ``areas``: a pixel of the map is an area of constant radiance, which the horizon may cut. The estimators ``bsdf``
       and ``mis`` converge to it, and the others with ``within="pixel"``. About three times the work.
 
-    They differ, in both directions, by a part of the image's maximum that falls as 1 / H, H the map's height: by about
-    5 % under one lamp on 16 x 8 pixels. Time is in proportion to R^2 H, with ``areas`` to R^2 (H + W), and to the map's
-    pixels, not to their product with R^2. A map that is on the device already, as ``Distribution.map`` is, is not
-    uploaded again. See :func:`shade` for the image. Raises :class:`LightdomeError` for a resolution outside 1 to 16384,
-    and for other ``pixels``.
-    Kernels: ``arc_sums.cl`` with ``exact.cl`` or ``exact_areas.cl``.
+    They differ, in both directions, by a fraction of the image's maximum that falls as 1 / H, where H is the map's
+    height: by about 5 % under one lamp on 16 x 8 pixels. For an R x R image the time grows with R^2 H, or R^2 (H + W)
+    for ``areas``, plus the map's pixels, rather than with R^2 times the map's pixels. A map that is already on the
+    device, such as ``Distribution.map``, is not uploaded again. See :func:`shade` for the image. Raises
+    :class:`LightdomeError` for a resolution outside 1 to 16384, and for any other ``pixels``.
     """
     of_map = DeviceMap.of(device, envmap)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
@@ -142,7 +142,7 @@ def exact(
 
 
 def _split(of_map: DeviceMap) -> DeviceMap:
-    """The same light on at least LEAST_SHAPE pixels: radiance is constant over one, so its parts send the same."""
+    """The same light on at least LEAST_SHAPE pixels: a pixel is split into parts that have its radiance."""
     envmap, values = of_map.envmap, of_map.envmap.radiance
     for axis, least in enumerate(LEAST_SHAPE):
         if values.shape[axis] < least:

@@ -68,19 +68,19 @@ class Harmonics:
         return int(np.sqrt(len(self.coefficients))) - 1
 
     def truncated(self, order: int) -> Harmonics:
-        """The same up to ``order``, no more than it has: what :func:`project` would give.
+        """The harmonics up to ``order``, or all if there are fewer: what :func:`project` would give.
 
-        Raises :class:`LightdomeError` for an order that is no whole number, 0 or above.
+        Raises :class:`LightdomeError` for an order that is not a whole number, 0 or above.
         """
         order = checks.whole("the order of harmonics", order, 0, 2**31 - 1)
         return checks.made(Harmonics, coefficients=self.coefficients[: (order + 1) ** 2])
 
     def rotated(self, yaw: float, pitch: float = 0.0, roll: float = 0.0) -> Harmonics:
-        """The same light after the world turned, as :meth:`lightdome.EnvironmentMap.rotated` has it, to float64.
+        """The same light after the world turned, as by :meth:`lightdome.EnvironmentMap.rotated`, to float64's accuracy.
 
-        Of each degree l the rotated function is projected by a quadrature that is exact for it: Gauss and Legendre's
-        in y, equal steps in azimuth. Raises :class:`LightdomeError` for an angle that is not finite, and for an order
-        above 64.
+        The rotated function of each degree l is projected by a quadrature that is exact for it: Gauss-Legendre in y,
+        equal steps in azimuth. Raises :class:`LightdomeError` for an angle that is not finite, and for an order above
+        64.
         """
         matrix = rotation_matrix(yaw, pitch, roll)
         order = self.order
@@ -91,7 +91,7 @@ class Harmonics:
         radius = np.sqrt(1 - y * y)[:, None]
         x, z = radius * np.cos(phi), radius * np.sin(phi)
         before = np.stack([x, np.broadcast_to(y[:, None], x.shape), z], axis=-1).reshape(-1, 3) @ matrix
-        # The function before it turned, of each degree, at these directions.
+        # The function of each degree, before the turn, at these directions.
         value = np.zeros((order + 1, len(before), 3))
         turn = np.outer(np.arange(order + 1), np.arctan2(before[:, 2], before[:, 0]))
         cosine, sine = np.cos(turn), np.sin(turn)
@@ -126,8 +126,8 @@ def clamped_cosine(order: int) -> np.ndarray:
 def project(device: Device, envmap: EnvironmentMap | DeviceMap, order: int = 2) -> Harmonics:
     """Project ``envmap`` up to ``order``: L_lm is the sum over pixels of L Y_lm x solid angle.
 
-    A map that is on the device already, as ``Distribution.map`` is, is not uploaded again.
-    The device sums along rows for each m; the Legendre functions, few and delicate, are the host's in float64.
+    A map that is already on the device, such as ``Distribution.map``, is not uploaded again. The device sums along rows
+    for each m; the host evaluates the Legendre functions, which are few and sensitive to rounding, in float64.
     Raises :class:`LightdomeError` if ``order`` is not from 0 to 64.
     """
     of_map = DeviceMap.of(device, envmap)

@@ -1,18 +1,18 @@
 """Where a normal's horizon cuts the pixels of a map, and how much light passes: the tables of ``exact_areas.cl``.
 
-Let n_y be a normal's height, s = sqrt(1 - n_y^2), and u the azimuth's distance from the normal's. On the meridian u
-the horizon lies at cot(theta*) = -s cos(u) / n_y. It falls from theta*(0) to theta*(pi) if n_y > 0; if n_y < 0 the
-picture is turned upside down. A row theta_0 .. theta_1 of the map then sends through its meridian u
+Let n_y be the y of a normal, s = sqrt(1 - n_y^2), and u an azimuth relative to the normal's. On the meridian u the
+horizon lies at cot(theta*) = -s cos(u) / n_y. If n_y > 0, theta* falls from u = 0 to u = pi; if n_y < 0, everything is
+turned upside down. Through its meridian u, the row theta_0 .. theta_1 of the map sends
 
     G(u) = integral of max(0, s cos(u) sin(theta) + n_y cos(theta)) sin(theta) over the row
 
-times the radiance: for u <= h_0, where theta*(h_0) = theta_1, it sees all of the row, for u >= h_1, where
+times the radiance. For u <= h_0, where theta*(h_0) = theta_1, the normal sees all of the row; for u >= h_1, where
 theta*(h_1) = theta_0, nothing. A pixel from u_0 to u_1 sends its radiance times I(u_0) - I(u_1), with
 
     I(u) = integral of G from u to h_1 .
 
-G has a closed form, and so have its derivatives. Between h_0 and h_1 it is smooth: pieces no longer than a column
-make I polynomials of degree 6, right to 1e-10. All normals of an image row share them.
+G and its derivatives have closed forms. Between h_0 and h_1, G is smooth: on pieces no longer than a column,
+polynomials of degree 6 give I to 1e-10. All normals of an image row share them.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ import numpy as np
 # A map of fewer rows or columns has its pixels split: a column is then short enough for a polynomial, and what the
 # horizon cuts is little beside the rest.
 LEAST_SHAPE = (64, 512)
-POLES = 4  # a piece is no longer than its distance from the nearest pole of theta*, as a complex function, over this
+POLES = 4  # a piece is at most 1 / POLES as long as its distance from the nearest pole of theta*, a complex function
 
 
 def area_moments(height: int, width: int) -> np.ndarray:
     """Integrals over the pixels of a row of sin(theta) cos(phi - phi_centre) and of cos(theta), over their solid angle.
 
-    What :func:`lightdome.maps.geometry.sine_cosine` is for centres, (H, 2) float32: w, integrated over a pixel.
+    (H, 2) float32: the counterpart for areas of :func:`lightdome.maps.geometry.sine_cosine`, which is for centres.
     """
     edge, column = _edges(height), np.pi / width
     sine_squared, sine_cosine = _moments(edge[:-1], edge[1:])
@@ -42,11 +42,11 @@ def horizon_tables(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """I(u) / pi for the R rows of an image and the rows first .. first + count - 1 of a map of at least 512 columns.
 
-    - ``bounds``: (R, count, 4) float32: h_0 and h_1 in columns, the pieces a column from h_0 on, and their number m.
+    - ``bounds``: (R, count, 4) float32: h_0 and h_1 in columns, the pieces per column from h_0 on, and their number m.
       A row that is dark has h_1 = 0, one that is seen whole has h_0 = W / 2; they have no pieces.
-    - ``start``: (R, count) uint32, the first of their polynomials
-    - ``polynomials``: (P, 8) float32: m for the pieces and one for the column before h_0, each 7 coefficients from the
-      constant up, in t from 0, the larger u, to 1; and 1 / the piece's length in columns
+    - ``start``: (R, count) uint32, the first of a row's polynomials
+    - ``polynomials``: (P, 8) float32, m for the pieces and one for the column before h_0: 7 coefficients in t, from the
+      constant up, where t runs from 0 at the larger u to 1; and 1 / the piece's length in columns
     """
     n_y = (resolution - 2.0 * np.arange(resolution)[:, None] - 1) / resolution
     s, b = np.sqrt(1 - n_y**2), np.abs(n_y)

@@ -42,9 +42,10 @@ LUX = f"color x intensity is the irradiance {OF}, or lux if its radiance is in c
 def write_lights(path: str | Path, lights: Lights, format: str | None = None) -> None:
     """Write the lights as ``format``, one of :data:`lightdome.names.LIGHT_FORMATS`, by default that of the suffix.
 
-    A light without flux is left out, also one whose flux is 0 in the program's float32. Numbers have the nine digits
-    of a float32. Raises :class:`LightdomeError` if neither ``format`` nor the suffix says which format, if no light
-    has flux, if a flux is beyond float32 and the format is not csv or json, or if the file cannot be written.
+    Lights without flux are skipped, and so are those whose flux is 0 in the program's float32. Numbers have nine
+    digits, as many as a float32 needs. Raises :class:`LightdomeError` if neither ``format`` nor the suffix says which
+    format, if no light has flux, if a flux is beyond float32 and the format is not csv or json, or if the file cannot
+    be written.
     """
     path = checks.path(path)
     checks.instance("the lights", lights, Lights)
@@ -66,19 +67,18 @@ def write_lights(path: str | Path, lights: Lights, format: str | None = None) ->
 
 
 def write_csv(path: str | Path, lights: Lights) -> None:
-    """Write one light a line, under a line of names: the unit vector towards the light, and its flux.
+    """Write one light per line, under a line of names: the unit vector towards the light, and its flux.
 
-    See :func:`write_lights`, of which this is the format csv.
+    This is :func:`write_lights` with the format csv.
     """
     write_lights(path, lights, "csv")
 
 
 def write_pbrt(path: str | Path, lights: Lights) -> None:
-    """Write the lights as ``distant`` lights, a file that scenes of PBRT-v3 and PBRT-v4 include alike.
+    """Write the lights as ``distant`` lights, in a file that scenes of PBRT-v3 and PBRT-v4 can include.
 
-    ``Include "lights.pbrt"`` in the world block, outside any transformation if +y is up there. Version 4 sees the
-    three numbers of ``L`` as an RGB in the scene's colour space. See :func:`write_lights`, of which this is the
-    format pbrt.
+    ``Include "lights.pbrt"`` in the world block, outside any transformation if +y is up there. Version 4 takes the
+    three numbers of ``L`` as an RGB in the scene's colour space. This is :func:`write_lights` with the format pbrt.
     """
     write_lights(path, lights, "pbrt")
 
@@ -91,7 +91,7 @@ def light_format(path: Path, format: str | None) -> str:
         if path.suffix.lower() == suffix:
             return name
     raise LightdomeError(
-        f"the suffix of {path} says no format of lights; end it in one of {', '.join(LIGHT_FORMATS.values())},"
+        f"the suffix of {path} says no format of lights; end the name in one of {', '.join(LIGHT_FORMATS.values())},"
         f" or say which of {', '.join(LIGHT_FORMATS)} it is (--format)"
     )
 
@@ -260,7 +260,7 @@ _TEXT: dict[str, Callable[[np.ndarray, np.ndarray], str]] = {
 
 
 def _floats(values: Iterable[float]) -> list[float]:
-    return [float(f"{value + 0.0:.9g}") for value in values]  # -0 is no number that anyone wants to read
+    return [float(f"{value + 0.0:.9g}") for value in values]  # + 0.0 makes -0 a plain 0
 
 
 def _join(values: Iterable[float], separator: str = " ") -> str:

@@ -2,8 +2,7 @@
 
 Lights come from samples (:meth:`Lights.of`) or from :func:`lightdome.lighting.median_cut.median_cut`;
 :func:`lightdome.lighting.shade.shade` renders with them, and :mod:`lightdome.lighting.light_files` writes them for
-other programs. Directions are those of the project: +y is up,
-(sin theta cos phi, cos theta, sin theta sin phi) for the map's angles.
+other programs. +y is up: a direction is (sin theta cos phi, cos theta, sin theta sin phi) of the map's angles.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ class Lights:
     - ``flux``: (N, 3) float64, RGB, what each light stands for: radiance x steradian
 
     A surface with normal n receives the irradiance sum of flux max(0, n . direction). The arrays are read-only.
-    ``Lights(direction, flux)`` copies them and raises :class:`LightdomeError` for directions that are no unit
+    ``Lights(direction, flux)`` copies them and raises :class:`LightdomeError` for directions that are not unit
     vectors, and for fluxes that are negative or not finite.
 
     ``lights[3]`` is a :class:`Light`, and iteration yields them. ``lights[:5]``, or an array of indices or of truth
@@ -80,12 +79,12 @@ class Lights:
 
     @classmethod
     def of(cls, samples: Samples) -> Lights:
-        """The lights that a set of samples is."""
+        """A set of samples as lights."""
         checks.instance("samples", samples, Samples)
         return checks.made(cls, direction=samples.direction, flux=samples.flux)
 
     def rotated(self, yaw: float, pitch: float = 0.0, roll: float = 0.0) -> Lights:
-        """The lights after the world turned, as :meth:`lightdome.EnvironmentMap.rotated` has it; fluxes stay.
+        """The lights after the world turned, as by :meth:`lightdome.EnvironmentMap.rotated`; their fluxes stay.
 
         For samples, rotate ``Lights.of(samples)``: their pixels are those of the map that they came from. Raises
         :class:`LightdomeError` for an angle that is not finite.

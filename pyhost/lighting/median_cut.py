@@ -6,13 +6,13 @@ Sampling (2005). It extends the paper:
 
 - N need not be a power of two: a region for n lights is cut at floor(n / 2) / n of its energy, and its parts
   share the n lights by what they hold. For powers of two these are the paper's medians.
-- A pixel can hold more than the N-th part of the energy. It becomes a light of its own, and counts in
-  the cuts no more than the others' share, so that the other lights remain for the rest of the map.
-- The centroid is that of directions in space, not of angles: it knows no poles, and from 64 lights on its image
-  was nearer to the exact one, by 4 to 26 % of the error.
-- A region's width is taken where it is nearest to the equator, so that none is longer than it seems.
+- A pixel can hold more than 1 / N of the energy. It becomes a light of its own, and counts in the cuts as one share
+  only, so that the other lights remain for the rest of the map.
+- The centroid is that of directions in space, not of angles: the poles are nothing special to it, and from 64 lights on
+  the error of the image was 4 to 26 % smaller.
+- A region's width is measured where it is nearest to the equator, and so widest.
 
-Energy is summed in 64-bit integers: regions' sums are exact on every map, and every device cuts alike.
+Energy is summed in 64-bit integers: sums over regions are exact on every map, and every device makes the same cuts.
 Kernels: ``row_sums.cl``, ``column_sums.cl``, ``median_cut.cl``, ``span_sums.cl``.
 """
 
@@ -62,7 +62,7 @@ def median_cut(distribution: Distribution, count: int) -> Lights:
         sum=sums,
     )
 
-    # Factors that a row has in common are the host's, in float64.
+    # The host applies the factors that a row has in common, in float64.
     light = memory.download(device, sums).astype(np.float64) * of_map.solid_angles[y, None]
     theta = of_map.row_angles[y]
     moment = np.stack(
@@ -80,7 +80,7 @@ def regions(distribution: Distribution, count: int) -> np.ndarray:
     """Cut the map into ``count`` rectangles of equal energy: (count, 4) int64.
 
     Each is (x0, y0, x1, y1): columns x0 to x1 - 1, rows y0 to y1 - 1. They cover the map, none overlaps another
-    and none is black; a map with fewer lit pixels is cut into as many regions as it has. Energies are as
+    and none is black; a map with fewer lit pixels than ``count`` is cut into one region for each. Energies are as
     equal as pixels permit, where a pixel above the equal share counts as that share.
 
     Raises :class:`LightdomeError` if the map is black or ``count`` is not from 1 to 4194304.
@@ -108,7 +108,7 @@ def regions(distribution: Distribution, count: int) -> np.ndarray:
 
 
 def _table(distribution: Distribution, count: int) -> tuple[DeviceArray, DeviceArray, int]:
-    """Summed-area tables of capped energy and of lit pixels, and ``count`` or the lit pixels if they are fewer."""
+    """Summed-area tables of capped energy and of lit pixels; and ``count``, or the number of lit pixels if fewer."""
     device, of_map = distribution.device, distribution.map
     height, width = of_map.height, of_map.width
     energy = memory.empty(device, (height, width), np.uint64)
@@ -134,8 +134,8 @@ def _table(distribution: Distribution, count: int) -> tuple[DeviceArray, DeviceA
         )
         return [int(n) for n in memory.download(device, row).sum(axis=0)]
 
-    # The cap is the share of each light: N cap = sum of min(q, cap). Newton's method on that line of pieces
-    # comes down to it from above in a few steps.
+    # The cap is the share of each light: N cap = sum of min(q, cap). Newton's method, on this piecewise linear
+    # function, reaches it from above in a few steps.
     total, _, lit_pixels = sum_rows(UNCAPPED)
     count = min(count, lit_pixels)
     cap = total // count

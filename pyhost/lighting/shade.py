@@ -52,13 +52,13 @@ def shade(
     """Light the sphere with N directional lights: the image is (R, R, 3) float32, radiance.
 
     - ``direction``: (N, 3) unit vectors towards the lights; or lights, which have both directions and fluxes
-    - ``flux``: (N, 3) what each stands for, radiance x steradian; none with lights
-    - ``brute_force``: evaluate every pair of pixel and light: for comparison, the image is the same
+    - ``flux``: (N, 3) what each stands for, radiance x steradian; left out if ``direction`` is lights
+    - ``brute_force``: evaluate every pair of pixel and light, for comparison; the image is the same
 
     A pixel is albedo / pi times the sum of flux max(0, n . direction); outside the disc it is 0. What exceeds
     float32's largest number becomes that number.
     Raises :class:`LightdomeError` for a resolution outside 1 to 16384, an albedo that is negative or not finite,
-    directions that are no unit vectors, fluxes that are negative or not finite, and a flux beside lights.
+    directions that are not unit vectors, fluxes that are negative or not finite, and a flux given beside lights.
     """
     checks.instance("the device", device, Device)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
@@ -98,7 +98,7 @@ def _shade(
     else:
         device.decisions.use("separate channels", "the lights are in colour")
     light = np.concatenate([direction, reflected], axis=1, dtype=np.float32, casting="same_kind")
-    # First, as the largest: what a device has no room for fails at once.
+    # Allocated first, as the largest: if the device has no room for it, this fails at once.
     image = memory.zeros(device, (resolution, resolution, 3), np.float32)
     # One place decides: a CPU skips pairs of pixel and light tile by tile, a GPU has one work-item per pixel.
     if brute_force or device.is_gpu:
@@ -133,11 +133,11 @@ def _shade(
 
 def _grouped(device: Device, light: np.ndarray, defines: dict[str, int]) -> dict[str, Any]:
     """Lights (N, 6), grey ones (N, 4), as ``shade_tiles.cl`` takes them: sorted, with groups' bounds and matrices."""
-    order = np.argsort(_places(light[:, :3]), kind="stable")  # the same image from every numpy
+    order = np.argsort(_places(light[:, :3]), kind="stable")  # so that every version of numpy gives the same image
     count = -(-len(light) // LANES) * LANES
     rows = np.zeros((light.shape[1], count), np.float32)
     rows[:, : len(light)] = light[order].T
-    rows[:3, len(light) :] = light[order[-1], :3, None]  # no light, but where the last one is
+    rows[:3, len(light) :] = light[order[-1], :3, None]  # padding: no flux, in the direction of the last light
     lights = memory.upload(device, rows)
     bounds = memory.empty(device, (count // LANES, 4), np.float32)
     groups = memory.empty(device, (count // LANES, 16), np.float32)
@@ -173,10 +173,11 @@ def _places(direction: np.ndarray) -> np.ndarray:
 
 
 def shade_samples(device: Device, samples: Samples, resolution: int = 511, albedo: float = 1.0) -> np.ndarray:
-    """Light the sphere with one set of samples for all pixels: unbiased, its error the same everywhere.
+    """Light the sphere with one set of samples for all pixels: unbiased, with an error that varies smoothly over it.
 
-    Beyond some hundred samples a row of the map most share a pixel with others: then those of centres are summed on a
-    map, and the image is that map's, as :func:`exact` makes it. See :func:`shade` for the image and the errors raised.
+    With more than a few hundred samples per row of the map, most share a pixel with others. Samples at centres are then
+    summed into a map, and the image is that map's :func:`exact` one. See :func:`shade` for the image and the errors
+    raised.
     """
     checks.instance("the device", device, Device)
     checks.instance("samples", samples, Samples)

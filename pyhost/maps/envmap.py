@@ -30,7 +30,7 @@ SANITIZE = ("black", "clamp")
 
 @dataclass(frozen=True)
 class Replaced:
-    """What ``sanitize`` put in the place of bad values, and what that does to the light.
+    """What ``sanitize`` put in the place of bad values, and how much of the light that is.
 
     ``pixels`` had one bad value or more: ``nan`` of them NaN, ``infinite`` an infinite one, ``negative`` a negative
     one, which may be minus infinity. Infinities became ``infinity``, all others 0. These pixels now carry
@@ -46,7 +46,7 @@ class Replaced:
 
     @property
     def note(self) -> str:
-        """All of it in a line."""
+        """The same as a line of text."""
         kinds = {"NaN by 0": self.nan, f"infinite by {self.infinity:g}": self.infinite, "negative by 0": self.negative}
         said = ", ".join(f"{n} {kind}" for kind, n in kinds.items() if n)
         plural = "s were" if self.pixels > 1 else " was"
@@ -99,18 +99,17 @@ class EnvironmentMap:
         projection: str | None = None,
         convention: str = "lightdome",
     ) -> EnvironmentMap:
-        """Read a PFM, EXR or Radiance HDR file; ``sanitize`` as for the class, but the type is the file's.
+        """Read a PFM, EXR or Radiance HDR file; ``sanitize`` as for the class, by the file's type.
 
-        Of an EXR file ``layer`` is that of :func:`read_image`.
-
-        With ``flip`` the file's rows are taken in reverse, as where it was written upside down. ``projection`` names
-        the file's, of :data:`lightdome.maps.projections.PROJECTIONS`; by default
-        :func:`lightdome.maps.conversion.detected` finds it. What is in another than latitude and longitude is resampled
-        to that, with about as many pixels, and ``notes`` say so. ``convention`` is that of the program for which a
-        latitude-longitude file was made, see :mod:`lightdome.maps.conventions`. Raises :class:`LightdomeError` where
-        the file cannot be read, does not fit its projection or holds bad pixels.
+        ``layer`` chooses a layer of an EXR file, as for :func:`read_image`. With ``flip`` the file's rows are taken in
+        reverse, for one that was written upside down. ``projection`` is the file's, one of
+        :data:`lightdome.maps.projections.PROJECTIONS`; by default :func:`lightdome.maps.conversion.detected` finds it.
+        A map in another projection than latitude-longitude is resampled to that, with about as many pixels, and
+        ``notes`` say so. ``convention`` is that of the program for which a latitude-longitude file was made, see
+        :mod:`lightdome.maps.conventions`. Raises :class:`LightdomeError` if the file cannot be read, does not fit its
+        projection or holds bad pixels.
         """
-        yaw_between(convention, "lightdome")  # before work that would be for nothing
+        yaw_between(convention, "lightdome")  # refuses an unknown one before the file is read
         read = read_projected(
             path, sanitize=sanitize, layer=layer, flip=flip, projection=projection, convention=convention
         )
@@ -120,7 +119,7 @@ class EnvironmentMap:
             peak = float(radiance.max())
             notes = (*notes, f"note: the map was resampled to {radiance.shape[1]} x {radiance.shape[0]} latlong pixels")
         result = object.__new__(cls)
-        # Nobody else has what was read: it is not copied.
+        # Nobody else holds what was read, so it is not copied.
         result._set(radiance, peak, read.replaced, notes)
         return result.to_convention("lightdome", from_=convention)
 
@@ -138,7 +137,7 @@ class EnvironmentMap:
             object.__setattr__(self, field, value)
 
     def rotated(self, yaw: float, pitch: float = 0.0, roll: float = 0.0) -> EnvironmentMap:
-        """The map after the world turned, by angles in degrees: :func:`lightdome.maps.rotation.rotation_matrix`.
+        """The map after the world turned by angles in degrees, see :func:`lightdome.maps.rotation.rotation_matrix`.
 
         A yaw by whole columns moves the pixels as they are. Every other rotation resamples them and keeps the flux.
         Raises :class:`LightdomeError` for an angle that is not finite.
@@ -166,7 +165,7 @@ class EnvironmentMap:
         return self.rotated(yaw_between(from_, name))
 
     def _of_radiance(self, radiance: np.ndarray) -> EnvironmentMap:
-        """The same map with other pixels, ours."""
+        """This map with other pixels, which are not copied."""
         peak = float(radiance.max())
         return checks.made(EnvironmentMap, radiance=radiance, peak=peak, replaced=self.replaced, notes=self.notes)
 
@@ -250,7 +249,7 @@ def largest_of(array: object) -> float:
 
 
 class Inspection:
-    """What a map's values are, looked at row after row, in any order.
+    """Looks at a map's values, some rows at a time, in any order.
 
     - ``sanitize``: None, ``"black"`` or ``"clamp"``
     - ``infinity``: what an infinite value becomes
@@ -275,7 +274,7 @@ class Inspection:
         self._light: dict[int, float] = {}  # R + G + B of replaced pixels, by row
 
     def mended(self, radiance: np.ndarray, first_row: int = 0) -> np.ndarray:
-        """Look at rows ``first_row`` and following, (n, W, 3); the same, or a copy without bad values."""
+        """Look at rows ``first_row`` and following, (n, W, 3); return them, or a copy without bad values."""
         # A NaN makes both extremes NaN, so two passes without temporaries see every bad value.
         lowest, peak = float(radiance.min()), float(radiance.max())
         if not (lowest >= 0 and peak < np.inf):

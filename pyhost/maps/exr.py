@@ -20,7 +20,7 @@ from .exr_layers import Layer, Part, choose_layer
 from .image_source import ImageSource, check_size, damaged
 from .oiio_files import open_input, reason
 
-# Time that OpenEXR takes for a header grows with the square of its attributes and of its channels.
+# The time that OpenEXR takes for a header grows with the square of the number of attributes, and of channels.
 HEADER_BYTES, ATTRIBUTES, CHANNELS_BYTES = 2**24, 2000, 2**18
 MAX_OVERHANG = 2048  # pixels of a tile outside the image
 REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # OpenEXR's default chromaticities: R, G, B, white
@@ -35,7 +35,7 @@ def open_exr(path: Path, layer: str | None) -> Iterator[ImageSource]:
         why = reason(oiio.geterror)
         if "ubsampled channels" in why:
             raise _subsampled(path)
-        raise LightdomeError(f"{path} is no image that OpenImageIO can read: {why}")
+        raise LightdomeError(f"{path}: OpenImageIO cannot read it: {why}")
     try:
         yield _source(path, file, layer)
     finally:
@@ -70,7 +70,7 @@ def _source(path: Path, file: oiio.ImageInput, name: str | None) -> ImageSource:
         if together:
             pixels = read_channels(first, end, places[0], places[0] + len(places), oiio.FLOAT)
         else:
-            # OpenImageIO takes the largest whole number for 1 if it is to convert it.
+            # If OpenImageIO converts whole numbers to floats, the largest becomes 1.
             kinds = [oiio.UINT32 if whole else oiio.FLOAT for whole in whole_numbers]
             planes = [read_channels(first, end, c, c + 1, kind) for c, kind in zip(places, kinds, strict=True)]
             pixels = np.concatenate([plane.astype(np.float32, copy=False) for plane in planes], axis=2)
@@ -84,7 +84,7 @@ def _source(path: Path, file: oiio.ImageInput, name: str | None) -> ImageSource:
         spec.width,
         read,
         spec.get_int_attribute("Orientation", 1),
-        # As OpenImageIO says, which would unpack them again for every batch that has some of them.
+        # Says OpenImageIO, which would unpack them again for every batch that has some of them.
         together=max(1, spec.tile_height, spec.get_int_attribute("oiio:RowsPerChunk", 1)),
         largest=LARGEST_HALF if is_half else LARGEST,
         notes=tuple(_notes(path, spec, layer, chosen=name is not None)),
@@ -93,7 +93,7 @@ def _source(path: Path, file: oiio.ImageInput, name: str | None) -> ImageSource:
 
 
 def _check_header(path: Path) -> None:
-    """Refuse a header that takes OpenEXR long; what else is wrong with it, OpenEXR says better."""
+    """Refuse a header on which OpenEXR would spend long; other defects are left to OpenEXR, which says more."""
     with path.open("rb") as stream:
         data = stream.read(HEADER_BYTES)
     several_parts = len(data) > 8 and data[5] & 0x10
@@ -127,7 +127,7 @@ def _specs(path: Path, file: oiio.ImageInput) -> list[oiio.ImageSpec]:
 
 
 def _part(path: Path, spec: oiio.ImageSpec) -> Part:
-    if spec.get_int_attribute("openexr:luminancechroma"):  # as R, G, B in OpenImageIO before 3.2, which reads none
+    if spec.get_int_attribute("openexr:luminancechroma"):  # OpenImageIO before 3.2 calls them R, G, B and reads none
         raise LightdomeError(
             f"{path}: this version of OpenImageIO reads no luminance-chroma channels (Y, RY, BY), subsampled or not;"
             " update OpenImageIO, or save the file as R, G, B"
@@ -142,7 +142,7 @@ def _part(path: Path, spec: oiio.ImageSpec) -> Part:
             deep=spec.deep,
         )
     except UnicodeDecodeError:
-        raise damaged(path, "a name in its header is no text") from None
+        raise damaged(path, "a name in its header is not valid text") from None
 
 
 def _subsampled(path: Path) -> LightdomeError:
@@ -157,9 +157,9 @@ def _check(path: Path, spec: oiio.ImageSpec) -> None:
         raise LightdomeError(f"{path}: cannot use an image of {width} x {height} x {spec.depth} pixels")
     if (spec.x, spec.y, width, height) != (spec.full_x, spec.full_y, spec.full_width, spec.full_height):
         raise LightdomeError(
-            f"{path}: its data window is not its display window, so it is no whole environment map; save it uncropped"
+            f"{path}: its data window is not its display window, so it is not the whole map; save it uncropped"
         )
-    # The library makes room for whole tiles, also where they reach far out of the image.
+    # The library allocates whole tiles, even if they reach far beyond the image.
     if spec.tile_width > width + MAX_OVERHANG or spec.tile_height > height + MAX_OVERHANG:
         raise LightdomeError(f"{path} is damaged: it claims tiles of {spec.tile_width} x {spec.tile_height} pixels")
     check_size(path, height, width, spec.nchannels)
@@ -176,7 +176,7 @@ def _notes(path: Path, spec: oiio.ImageSpec, layer: Layer, chosen: bool) -> Iter
 
 
 def _luminance_weights(path: Path, spec: oiio.ImageSpec) -> np.ndarray:
-    """What R, G and B of the file's chromaticities give to its Y, (3,) float64; OpenEXR's ``computeYw``."""
+    """The weights of R, G and B in Y, by the file's chromaticities, (3,) float64; OpenEXR's ``computeYw``."""
     given = spec.getattribute("chromaticities")
     with np.errstate(all="ignore"):
         try:
@@ -198,5 +198,5 @@ def _from_chroma(pixels: np.ndarray, weights: np.ndarray) -> np.ndarray:
         green = (luminance - red * weights[0] - blue * weights[2]) / weights[1]
         is_grey = (red_chroma == 0) & (blue_chroma == 0)
         rgb = np.stack([red, np.where(is_grey, luminance, green), blue], axis=2)
-        rgb[np.isposinf(luminance)] = np.inf  # a sun, and not a green that is no number
+        rgb[np.isposinf(luminance)] = np.inf  # a sun: green would be NaN
         return rgb.astype(np.float32)

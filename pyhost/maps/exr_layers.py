@@ -48,7 +48,7 @@ NO_LIGHT = re.compile(
 
 @dataclass(frozen=True)
 class Part:
-    """What of a part's header decides: ``views`` is ``multiView``, ``view`` the part's own."""
+    """The entries of a part's header that decide: ``views`` is ``multiView``, ``view`` the part's own."""
 
     name: str
     channels: Sequence[str]
@@ -105,7 +105,7 @@ def choose_layer(path: Path, parts: Sequence[Part], wanted: str | None) -> Layer
         labels = _joined([quoted(layer.label) for layer in found])
         raise LightdomeError(f"{path}: {len(found)} layers could be the map: {labels}; choose one with --layer NAME")
     if any(layer.is_deep for layer in candidates):
-        raise LightdomeError(f"{path} is a deep image, which is no environment map; flatten it")
+        raise LightdomeError(f"{path} is a deep image, which cannot be an environment map; flatten it")
     where = "it" if wanted is None else f"its layer {quoted(wanted)}"
     usable = any((layer.colour or layer.grey) and not layer.is_deep for layer in layers)
     advice = "; choose a layer with --layer NAME" if usable else ""
@@ -177,7 +177,7 @@ def _label(part: str, layer: str) -> str:
 
 
 def _without_view(name: str, views: set[str]) -> tuple[list[str], str]:
-    """The names, outer first, that a layer's or a part's full name is made of, and the view that it ends with."""
+    """The names, outer first, that make up a layer's or a part's full name, and the view that it ends with."""
     names = [word for word in name.split(".") if word]
     view = names.pop() if names and names[-1] in views else ""
     return names, view

@@ -12,8 +12,8 @@ from ..errors import LightdomeError
 from ..float_range import LARGEST
 
 MAX_PIXELS = 2**30
-# The most values that a byte of any file stands for: in EXR, methods that transform blocks keep one of 64, and 2-byte
-# values then deflate by up to 1032.
+# The most values that a byte of a file can hold: in EXR, block transforms keep one value of 64, and deflate then packs
+# 2-byte values by up to 1032.
 DENSITY = 64 * 516
 
 
@@ -53,5 +53,5 @@ def check_size(path: Path, rows: int, columns: int, channels: int) -> None:
 
 
 def damaged(path: Path, reason: str) -> LightdomeError:
-    """The error that says so."""
+    """The error for a damaged file."""
     return LightdomeError(f"{path} is damaged or truncated: {reason}")

@@ -1,17 +1,17 @@
 """Read and write images; tone-map radiance for the eye.
 
-Arrays are (H, W, 3) with row 0 at the top, whatever the file's own order of rows. What is read and what is refused is
-told where it is done: :mod:`lightdome.maps.exr` with :mod:`lightdome.maps.exr_layers`,
-:mod:`lightdome.maps.radiance_hdr` and :mod:`lightdome.maps.pfm`. In short:
+Arrays are (H, W, 3) with row 0 at the top, whatever the file's own order of rows. The readers,
+:mod:`lightdome.maps.exr` with :mod:`lightdome.maps.exr_layers`, :mod:`lightdome.maps.radiance_hdr` and
+:mod:`lightdome.maps.pfm`, say what they read and what they refuse. In short:
 
 - EXR: R, G, B of the default layer, else its Y as grey, else the only colour layer over all parts, or the layer that
   the caller names; half, float and UINT; luminance-chroma at full resolution. Depth, alpha or albedo is never light.
 - HDR: RGBE in all eight orientations, scan lines packed, plain or with old-style run lengths; ``EXPOSURE`` and
   ``COLORCORR`` are divided out; XYZE is refused.
-- PFM: ``PF``, ``Pf`` (grey) and ``PF4`` (its fourth channel is left out), of both orders of bytes, times its scale.
+- PFM: ``PF``, ``Pf`` (grey) and ``PF4`` (without its fourth channel), in both byte orders, times its scale.
 
-Reading costs memory for what a file holds, whatever its header claims: the values of its three channels at
-4 bytes each, up to three times; :class:`ImageRows` reads so many rows at a time as one likes.
+Reading takes memory for what a file holds, whatever its header claims: the values of its three channels at
+4 bytes each, up to three times; :class:`ImageRows` reads as few rows at a time as you like.
 """
 
 from __future__ import annotations
@@ -59,14 +59,14 @@ class ImageRows:
     """The rows of a file that :func:`read_image` reads, some at a time: memory for those, not for the image.
 
     - ``height``, ``width``: of the image
-    - ``batch``: the most rows that :meth:`read` yields at once; by default they take 50 MB, or are those that the
-      file packs together, a row of tiles for one
+    - ``batch``: the most rows that :meth:`read` yields at once; by default they take 50 MB, or are as many as the file
+      packs together, such as a row of tiles
     - ``largest``: the largest finite value that its type holds: of half floats 65504, else float32's
     - ``notes``: remarks for the user: the layer that was taken, a factor in the header that was divided out, ...
     - ``is_cube``: whether the file says that it is a cube map (OpenEXR's ``envmap``), whose rows are not to be had
 
     ``layer`` and ``flip`` are those of :func:`read_image`.
-    A file that lies on its side is read whole all the same. Raises :class:`LightdomeError` as :func:`read_image` does.
+    A file stored on its side is read whole nevertheless. Raises :class:`LightdomeError` as :func:`read_image` does.
     """
 
     def __init__(
@@ -127,7 +127,7 @@ class ImageRows:
         self._columns = None if np.array_equal(columns, in_file) else columns.astype(np.int64)
 
     def _read(self, rows: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """The same of the file's own rows, from the top as it says."""
+        """The same, before ``flip`` and :meth:`reorder`: row 0 is what the file says is the top."""
         if self._on_its_side:
             image = read_image(self.path, self._layer)
             for begin in range(0, len(rows), self.batch):
@@ -159,10 +159,10 @@ class ImageRows:
 
 @contextmanager
 def _opened(path: Path, layer: str | None) -> Iterator[ImageSource]:
-    """An open file of a kind that lightdome reads. Raises :class:`LightdomeError` for what is none."""
+    """An open file of a kind that lightdome reads. Raises :class:`LightdomeError` for any other."""
     try:
         path.stat()
-        if not path.is_file():  # a pipe would be waited for
+        if not path.is_file():  # a pipe would block
             raise LightdomeError(f"{path} is a folder or a device, not an image")
         with path.open("rb") as stream:
             start = stream.read(4)
@@ -199,8 +199,8 @@ def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
 def auto_exposure(radiance: np.ndarray) -> float:
     """The factor that brings the 95th percentile of the pixels' largest channel to 1.
 
-    Black pixels do not count: a sphere's background must not change its exposure. Nor do infinite ones. 1 for a black
-    image. Raises :class:`LightdomeError` for values that are no numbers.
+    Black pixels do not count, since a sphere's background must not change its exposure; nor do infinite ones. A black
+    image has 1. Raises :class:`LightdomeError` for NaN, and for an array that does not hold real numbers.
     """
     brightest = _numbers(radiance).max(axis=-1)
     lit = brightest[(brightest > 0) & (brightest < np.inf)]

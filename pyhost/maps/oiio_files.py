@@ -12,12 +12,12 @@ from ..files import utf8_name
 
 
 def open_input(path: Path) -> oiio.ImageInput | None:
-    """A file that is open, or None if OpenImageIO cannot. Raises :class:`LightdomeError` for a name in other bytes."""
+    """An open file, or None if OpenImageIO cannot open it. Raises :class:`LightdomeError` if its name is not UTF-8."""
     return oiio.ImageInput.open(utf8_name(path))
 
 
 def reason(geterror: Callable[[], str]) -> str:
-    """One line of what it says; it quotes damaged files as they are, in bytes that may be no text."""
+    """One line of OpenImageIO's message, which may quote bytes of a damaged file that are not text."""
     try:
         return one_line(geterror())
     except UnicodeDecodeError as error:

@@ -2,9 +2,9 @@
 
 The header is three words: ``PF`` (three channels), ``Pf`` (one, read as grey) or ``PF4`` (four, the last is left
 out); the width and the height; the scale, whose sign gives the order of bytes, negative for little endian. Values are
-multiplied by its magnitude. Words are separated by white space and by comments from ``#`` to the end of a line. One
-character of white space follows the scale, or the end of its line: spaces, a comment, and LF or CRLF. The rest
-is the pixels, 4 bytes a value, bottom row first.
+multiplied by its magnitude. Words are separated by white space and by comments from ``#`` to the end of a line. The
+scale is followed by one character of white space, or by the rest of its line: spaces, a comment, and LF or CRLF. Then
+come the pixels, 4 bytes per value, bottom row first.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def open_pfm(path: Path) -> Iterator[ImageSource]:
             raise damaged(path, f"it must begin with PF, width, height and scale, in at most {HEADER_BYTES >> 10} KiB")
         kind, *size, scale_word = header.groups()
         if kind not in CHANNELS:
-            raise LightdomeError(f"{path}: {_shown(kind)} is no kind of PFM file that lightdome reads: PF, Pf or PF4")
+            raise LightdomeError(f"{path}: unknown kind of PFM file {_shown(kind)}; expected PF, Pf or PF4")
         if not all(re.fullmatch(rb"\d{1,10}", word) for word in size):
             raise LightdomeError(f"{path}: bad size {' x '.join(map(_shown, size))} in the PFM header")
         channels, (columns, rows) = CHANNELS[kind], map(int, size)

@@ -1,14 +1,14 @@
 """Read Radiance HDR (RGBE) files, as Radiance's document of the format and its ``header.c`` and ``color.c`` say.
 
 The header is lines of text up to an empty one: ``#?`` and any word first, then lines in any order and number.
-``FORMAT=32-bit_rle_rgbe`` may be missing. ``EXPOSURE=`` and ``COLORCORR=`` are factors that were put on the radiance;
-there may be several lines, and all divide. Spaces round ``=`` and other case are allowed. A line that begins with white
-space tells of a picture that this one was made from, and does not count. The line of the size comes last, in any of
-its eight orientations.
+``FORMAT=32-bit_rle_rgbe`` may be missing. ``EXPOSURE=`` and ``COLORCORR=`` are factors by which the radiance was
+multiplied; there may be several such lines, and all of them are divided out. Spaces round ``=`` and any case are
+allowed. A line that begins with white space describes a picture that this one was made from, and is ignored. The line
+of the size comes last, in any of its eight orientations.
 
-Each scan line is packed by component (it begins with 2 2), or plain pixels, or plain pixels with the run lengths of
-old: pixels (1, 1, 1, n) repeat the one before n times, and n counts 256 times as much in each that follows another.
-OpenImageIO takes the last for light, turns two of the orientations, ignores both factors, and refuses many sound
+Each scan line is packed by component (it begins with 2 2), or plain pixels, or plain pixels with old-style run
+lengths: pixels (1, 1, 1, n) repeat the one before n times, and n counts 256 times as much in each that follows another.
+OpenImageIO takes the last for pixels, confuses two of the orientations, ignores both factors, and refuses many valid
 headers. So only what it cannot get wrong is left to it, for speed: packed lines below a header that it knows.
 """
 
@@ -123,7 +123,7 @@ def read_header(path: Path, start: bytes) -> Header:
 
     size = SIZE.fullmatch(lines[end + 1])
     if not size or size[1][1] == size[3][1]:
-        raise damaged(path, f"{quoted(lines[end + 1])} is no size such as -Y 512 +X 1024")
+        raise damaged(path, f"expected a size such as -Y 512 +X 1024, got {quoted(lines[end + 1])}")
     rows, columns = int(size[2]), int(size[4])
     return Header(rows, columns, ORIENTATIONS[size[1] + size[3]], divisor, tuple(notes), header_bytes)
 
@@ -144,7 +144,7 @@ def _is_packed(data: bytes, at: int, columns: int) -> bool:
 
 
 def _blocks(first: int, end: int, columns: int) -> Iterator[tuple[int, int]]:
-    """Those rows some at a time, first row and end, so that what is made of them stays small."""
+    """The rows in blocks, first row and end, so that temporary arrays stay small."""
     size = max(1, BLOCK_PIXELS // columns)
     for begin in range(first, end, size):
         yield begin, min(begin + size, end)
@@ -222,7 +222,7 @@ class _ScanLines:
         return result
 
     def _fill(self) -> None:
-        """Have a whole scan line in memory, if the file has one: at most 4 records a pixel, with its runs."""
+        """Have a whole scan line in memory, if the file has one: with runs, at most 4 records per pixel."""
         most = 16 * self._header.columns + 64
         if self._left > 0 and len(self._data) - self._at < most:
             more = self._file.read(min(self._left, max(most, READ_BYTES)))

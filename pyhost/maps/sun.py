@@ -24,7 +24,7 @@ MAX_RIVAL = 0.5  # light of the next source to that of the sun
 NOTHING = "nothing small stands out from its surroundings"
 CELL_ROWS = 64
 GROUP = np.radians(4.0)  # cells that are taken together
-BRIGHTEST = 64  # cells that are looked at
+BRIGHTEST_CELLS = 64  # that are looked at
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ class Cells:
     def brightest(self) -> np.ndarray:
         """A unit vector towards the 8 degrees with the most light."""
         direction, light = self.direction, luminance(self.flux)
-        top = np.argsort(light)[-BRIGHTEST:]
+        top = np.argsort(light)[-BRIGHTEST_CELLS:]
         near = direction[top] @ direction.T >= np.cos(GROUP)
         vector = self.vector[near[np.argmax(near @ light)]].sum(axis=0)
         return vector / np.linalg.norm(vector)
@@ -161,7 +161,7 @@ class Cells:
         """The most luminance x solid angle that any other 8 degrees have above what surrounds them."""
         direction, light = self.direction, luminance(self.flux)
         away = distance(direction, sun) > PATCH + GROUP
-        top = np.argsort(np.where(away, light, 0))[-BRIGHTEST:]
+        top = np.argsort(np.where(away, light, 0))[-BRIGHTEST_CELLS:]
         cosine = direction[top] @ direction.T
         near = cosine >= np.cos(GROUP)
         around = (cosine >= np.cos(3 * GROUP)) & ~near & away
@@ -197,7 +197,7 @@ def find_region(patch: Patch, start: np.ndarray, pixel: float) -> Region | str:
             break
         centre = moved
     if held.sum() < MIN_COMPACTNESS * light.sum():
-        return "the brightest source is no compact one"
+        return "the brightest source is not compact"
     ring = (apart > reach) & (apart <= 1.5 * reach + 2 * pixel) & ~bright
     if not ring.any():
         ring = outside

@@ -1,8 +1,9 @@
 """Choose and open an OpenCL device.
 
 A device counts only once it has compiled and run kernels in a child process (:mod:`lightdome.probe`), because a
-broken implementation lists its devices like a sound one. There it is measured, too (:mod:`lightdome.opencl.rates`). The
-fastest is taken, of those that ``--device`` or the environment variable ``PYOPENCL_CTX`` names, or else of all.
+broken implementation lists its devices just as a working one does. The same process measures the device
+(:mod:`lightdome.opencl.rates`). The fastest device is used: the fastest of those that ``--device`` or the environment
+variable ``PYOPENCL_CTX`` names, or else of all.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from ..interrupts import Unheard
 from ..progress import Progress
 
 with warnings.catch_warnings():
-    warnings.simplefilter("ignore")  # pyopencl tells of optional packages that lightdome never uses
+    warnings.simplefilter("ignore")  # pyopencl warns about optional packages that lightdome never uses
     import pyopencl as cl
 
 from .launch import launch as launch_kernel
@@ -36,13 +37,13 @@ from .programs import Kernel, Programs, check_process
 from .rates import Rates
 
 PROBE_SECONDS = 60.0
-FAILURE_SECONDS = 86400.0  # for which a failure is remembered where another device works
+FAILURE_SECONDS = 86400.0  # how long a failure is remembered, if another device works
 INSTALL = "apt-get install pocl-opencl-icd, pip install 'lightdome[pocl]', or your GPU's driver"
 
 
 @dataclass(frozen=True)
 class Device:
-    """An open OpenCL device: its context and queue, its kernels, and what its stages cost.
+    """An open OpenCL device: its context and queue, its kernels, and the time that its stages take.
 
     ``vector_width`` is the number of pixels that a work-item handles at once: 16 on a CPU, which
     needs explicit vectors to reach full speed, 1 on a GPU.
@@ -61,7 +62,7 @@ class Device:
 
     @property
     def description(self) -> str:
-        """The device's and its implementation's name, for people."""
+        """The names of the device and of its OpenCL implementation, for display."""
         return _description(self.handle)
 
     @property
@@ -85,7 +86,7 @@ class Device:
         return bool(self.handle.type & cl.device_type.CPU)
 
     def items_per_launch(self, work: int, work_per_item: int) -> int:
-        """How many work-items make a launch of about ``work``, at least one: longer work takes several launches."""
+        """Work-items, at least one, for a launch to do about ``work``; longer work takes several launches."""
         return max(1, work // work_per_item)
 
     def kernel(self, name: str, **defines: int) -> Kernel:
@@ -95,7 +96,7 @@ class Device:
     launch = launch_kernel
 
     def wait(self) -> None:
-        """Wait until all that was launched is done."""
+        """Wait until everything launched so far is done."""
         self.queue.finish()
         self.profile.settle()
 
@@ -103,12 +104,12 @@ class Device:
 def open_device(choice: str | None = None) -> Device:
     """Open the device that ``choice`` names, or the best one that works.
 
-    ``choice`` is ``PLATFORM[:DEVICE]``, each an index or a part of a name in any case, or a part of what
-    :attr:`Device.description` shows; names are those of the platform, the device, their vendors and versions. None
-    takes ``PYOPENCL_CTX`` from the environment, else the best device.
+    ``choice`` is ``PLATFORM[:DEVICE]``. Each of the two is an index, or part of a name, vendor or version, in upper or
+    lower case. Part of :attr:`Device.description` works too. None takes ``PYOPENCL_CTX`` from the environment, else the
+    best device.
 
-    Raises :class:`LightdomeError` if nothing matches or what matches does not work, and in a process that was
-    forked from one that had looked for devices.
+    Raises :class:`LightdomeError` if no device matches, if none of those that match works, and in a process forked from
+    one that has already looked for devices.
     """
     if not (choice is None or isinstance(choice, str)):
         raise LightdomeError(f"a device must be a text such as '0:0' or 'pocl', got {told(choice)}")
@@ -119,7 +120,7 @@ def open_device(choice: str | None = None) -> Device:
         matching = [c for c in candidates if _matches(asked, c)]
         if not matching:
             known = "; ".join(map(_listed, candidates))
-            raise LightdomeError(f"no OpenCL device matches {asked!r}; there is {known or 'none at all'}")
+            raise LightdomeError(f"no OpenCL device matches {asked!r}; available: {known or 'none'}")
     else:
         matching = candidates
     trials = _tried(matching)
@@ -191,7 +192,7 @@ class _Candidate:
     handle: cl.Device
 
 
-# The process that first looked for devices: it alone has OpenCL's threads, and a forked copy would wait for them.
+# The process that first looked for devices. Only it has OpenCL's threads; a fork would wait for them for ever.
 _first_process: list[int] = []
 
 
@@ -199,10 +200,10 @@ def _candidates() -> list[_Candidate]:
     check_process(*_first_process or [os.getpid()])
     _first_process[:] = [os.getpid()]
     result = []
-    with Unheard():  # PoCL starts threads here; a linker that they start must not be interrupted, or PoCL aborts
+    with Unheard():  # PoCL starts threads here, and aborts if a linker that they run is interrupted
         try:
             platforms = cl.get_platforms()
-        except cl.Error:  # the loader's way to say that there are none
+        except cl.Error:  # how the loader says that there are none
             return []
         for p, platform in enumerate(platforms):
             with contextlib.suppress(cl.Error):
@@ -211,7 +212,7 @@ def _candidates() -> list[_Candidate]:
 
 
 def _matches(asked: str, candidate: _Candidate) -> bool:
-    """Whether ``asked`` is part of a name that is shown of a device, or matches as ``PLATFORM:DEVICE``."""
+    """Whether ``asked`` is part of one of the device's names, or matches it as ``PLATFORM:DEVICE``."""
     device = candidate.handle
     platform = device.platform
     whole = _description(device)
@@ -225,7 +226,7 @@ def _matches(asked: str, candidate: _Candidate) -> bool:
     of_device = (device.name, device.vendor, device.version, device.driver_version)
     first, _, second = asked.partition(":")
     return (
-        # A name may have a colon of its own.
+        # A name may itself contain a colon.
         (not asked.isdecimal() and any(_plain(asked) in _plain(name) for name in (*of_platform, *of_device, whole)))
         or (" " in asked and _plain(_listed(candidate)).startswith(_plain(asked)))
         or (one(first, candidate.platform, *of_platform) and (not second or one(second, candidate.index, *of_device)))
@@ -233,7 +234,7 @@ def _matches(asked: str, candidate: _Candidate) -> bool:
 
 
 def _listed(candidate: _Candidate) -> str:
-    """The device in a list of devices."""
+    """The device as lists of devices show it."""
     return f"{candidate.platform}:{candidate.index} {_description(candidate.handle)}"
 
 
@@ -243,7 +244,7 @@ def _plain(name: str) -> str:
 
 @dataclass(frozen=True)
 class _Trial:
-    """What came of trying a device: its rates, or why it fails."""
+    """The result of trying a device: its rates, or why it fails."""
 
     candidate: _Candidate
     rates: Rates | None
@@ -256,9 +257,9 @@ def _fastest(trials: list[_Trial]) -> _Trial | None:
 
 
 def _tried(candidates: list[_Candidate], again: bool = False) -> list[_Trial]:
-    """Every candidate with its rates, from now or from an earlier time.
+    """Try every candidate, or take its result from an earlier run.
 
-    Failures of the last day are remembered too, unless nothing works or they are to be tried ``again``.
+    Failures are remembered for a day. They are tried again if no device works, or if ``again`` is set.
     """
     trials = []
     with Progress("trying OpenCL devices") as progress:
@@ -300,7 +301,7 @@ def _remembered(candidate: _Candidate) -> _Trial | None:
 def _remember(trial: _Trial) -> None:
     record = _record(trial.candidate)
     content = {"rates": trial.rates.to_json()} if trial.rates else {"failure": trial.failure}
-    with contextlib.suppress(OSError, LightdomeError):  # no place for it: the next run probes again
+    with contextlib.suppress(OSError, LightdomeError):  # nowhere to keep it: the next run probes again
         record.parent.mkdir(parents=True, exist_ok=True)
         with replacing(record) as temporary:
             temporary.write_text(json.dumps(content) + "\n", encoding="utf-8")

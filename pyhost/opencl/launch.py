@@ -27,19 +27,20 @@ def launch(
     progress: str | None = None,
     **arguments: Argument,
 ) -> None:
-    """Launch the kernel ``name``, as ``sampling/guide``, over ``size`` work-items; it may still run on return.
+    """Launch a kernel, such as ``sampling/guide``, over ``size`` work-items; it may still be running on return.
 
-    ``arguments`` have the names of the kernel's own signature and are cast to its types: arrays on the device for
-    pointers, numbers, and sequences of numbers for vectors. What the kernel works on is kept until it is done.
+    ``arguments`` are named as in the kernel's signature and cast to its types: device arrays for pointers, numbers for
+    scalars, sequences of numbers for vectors. The arrays are kept alive until the kernel is done.
 
-    - ``stage``: its name in the profile, else the kernel's
-    - ``defines``: what the kernel is built with
-    - ``group``: work-items per group, for a kernel whose work-items do little and ignore those beyond their number
-    - ``step``: work-items per launch, see :meth:`lightdome.opencl.device.Device.items_per_launch`; several launches
-      run one after the other, and the line ``progress`` says how far they are
+    - ``stage``: the name in the profile; by default the kernel's
+    - ``defines``: the preprocessor defines that the kernel is built with
+    - ``group``: work-items per group, for short work-items; the size is rounded up to whole groups, and the kernel must
+      ignore the work-items beyond it
+    - ``step``: work-items per launch, see :meth:`lightdome.opencl.device.Device.items_per_launch`; the launches run one
+      after the other, and a line that begins with ``progress`` shows how far they are
 
-    Raises ``TypeError`` for arguments that are not those of the kernel, ``ValueError`` for an empty size, for a
-    group in more than one dimension and for a step that is no multiple of the group, and :class:`LightdomeError`
+    Raises ``TypeError`` for arguments that do not match the kernel's signature; ``ValueError`` for an empty size, for a
+    group in more than one dimension, and for a step that is not a multiple of the group; and :class:`LightdomeError`
     if the device's compiler refuses the kernel, or in a forked process.
     """
     _check(name, size, group, step)
@@ -50,8 +51,8 @@ def launch(
     if group:
         size, local = (-(-size[0] // group) * group,), (group,)
     else:
-        # Left to choose, PoCL takes another local size for nearly every global one, and compiles the kernel for each.
-        # Work-items that have much to do are one a group on a CPU; a GPU's driver chooses.
+        # Left to choose, PoCL picks a different local size for nearly every global size, and compiles the kernel for
+        # each. So on a CPU, where a work-item does much, every group is a single one. A GPU's driver chooses.
         local = None if device.is_gpu else (1,) * len(size)
     length, *across = size
     step = step or length
@@ -67,7 +68,7 @@ def launch(
 
 
 def _check(name: str, size: tuple[int, ...], group: int | None, step: int | None) -> None:
-    """Refuse what would run no work-item, or others than were asked for."""
+    """Refuse sizes that would run no work-items, or not those that were asked for."""
     if min(size, default=0) < 1:
         raise ValueError(f"the kernel {name} needs a size of at least one work-item, got {size}")
     if step is not None and step < 1:

@@ -31,9 +31,9 @@ class DeviceArray:
 def upload(device: Device, array: np.ndarray) -> DeviceArray:
     """Make ``array`` readable for kernels, which cannot write to it.
 
-    Leave ``array`` unchanged until all that reads it is done: shared memory is not copied, and a copy to a device with
-    memory of its own may still be under way on return. Raises :class:`LightdomeError` if the device has not enough
-    memory.
+    Do not change ``array`` until every kernel that reads it is done: shared memory is not copied, and a copy to a
+    device with its own memory may still be under way on return. Raises :class:`LightdomeError` if the device does not
+    have enough memory.
     """
     array = np.ascontiguousarray(array)
     flags = cl.mem_flags.READ_ONLY
@@ -49,7 +49,7 @@ def upload(device: Device, array: np.ndarray) -> DeviceArray:
 def empty(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceArray:
     """An array for a kernel's result, not initialised.
 
-    Raises :class:`LightdomeError` if the device has not enough memory.
+    Raises :class:`LightdomeError` if the device does not have enough memory.
     """
     shape = (shape,) if isinstance(shape, int) else shape
     kind = np.dtype(dtype)
@@ -65,14 +65,15 @@ def _aligned(shape: tuple[int, ...], kind: np.dtype) -> np.ndarray:
     return np.ndarray(shape, kind, memory, -memory.ctypes.data % CACHE_LINE)
 
 
-# No index overflows before a buffer is refused here, or by the host. Kernels count columns, rows and lights in 32 bits:
-# 2^32 of them are 48 GiB of map or 96 GiB of lights; samples are fewer than 2^31. Products of counts, as y * width + x
-# or 3 i, are in size_t, but for an image's, in 32 bits: at the largest resolution, 16384, 2 i + 1 is below 2^29.
+# Why no index in a kernel overflows: arrays large enough for that are refused here, or by the host. Columns, rows and
+# lights are counted in 32 bits, and 2^32 of them take 48 GiB of map or 96 GiB of lights; there are fewer than 2^31
+# samples. Products such as y * width + x or 3 i are computed in size_t, except for an image's pixels: at the largest
+# resolution, 16384, none of theirs exceeds 2^29.
 def check_room(device: Device, size: int) -> None:
-    """Raise :class:`LightdomeError` if the device can have no array of ``size`` bytes."""
+    """Raise :class:`LightdomeError` if the device cannot hold an array of ``size`` bytes."""
     room = device.handle.max_mem_alloc_size
     if size > room:
-        device.wait()  # the process may end next, and a compiler that still works for a kernel would crash it
+        device.wait()  # the process may end next, and would crash while a kernel is still being compiled
         raise LightdomeError(
             f"the device holds arrays of up to {room >> 20} MiB and this needs {size >> 20} MiB;"
             " use fewer samples, a smaller map or image, or another --device"
@@ -88,7 +89,7 @@ def _buffer(device: Device, flags: int, size: int, host: np.ndarray | None) -> c
         return cl.Buffer(device.context, flags | cl.mem_flags.USE_HOST_PTR, hostbuf=host)
     except cl.Error as error:
         raise LightdomeError(
-            f"the device has no room for {size >> 20} MiB ({error}); use fewer samples or a smaller map"
+            f"not enough memory on the device for {size >> 20} MiB ({error}); use fewer samples or a smaller map"
         ) from error
 
 
@@ -98,17 +99,17 @@ def zeros(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceAr
 
 
 def full(device: Device, shape: int | tuple[int, ...], value: float, dtype: type) -> DeviceArray:
-    """An array of the one ``value``."""
+    """An array filled with ``value``."""
     array = empty(device, shape, dtype)
     size = math.prod(array.shape) * array.dtype.itemsize
-    pattern = np.array(value, array.dtype if value else np.uint8)  # PoCL is several times quicker with single bytes
+    pattern = np.array(value, array.dtype if value else np.uint8)  # PoCL fills faster by single bytes
     event = cl.enqueue_fill_buffer(device.queue, array.buffer, pattern, 0, size)
     device.profile.record("clear", event, array)
     return array
 
 
 def download(device: Device, array: DeviceArray) -> np.ndarray:
-    """The values of ``array`` once all kernels before have run; shared memory is not copied."""
+    """The values of ``array`` once all kernels launched so far have run; shared memory is not copied."""
     device.programs.check_process()
     if array.host is not None:
         mapped, event = cl.enqueue_map_buffer(

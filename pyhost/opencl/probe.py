@@ -1,12 +1,12 @@
-"""Try OpenCL devices, and measure what they do.
+"""Try OpenCL devices, and measure their speed.
 
-A broken OpenCL implementation lists its devices like a sound one, then fails every build or
-aborts the process. So a device counts only after this, in a process that may die:
+A broken OpenCL implementation lists its devices just as a working one does, then fails every build or aborts the
+process. So a device counts only once this command has succeeded, in a process that may die:
 
     python -m lightdome.probe PLATFORM DEVICE
 
-compiles and runs a kernel on the device of these indices, prints its :class:`lightdome.opencl.rates.Rates` as JSON
-and exits with 0, or says in one line why it fails and exits with 1.
+It compiles and runs a kernel on the device with these indices, prints its :class:`lightdome.opencl.rates.Rates` as JSON
+and exits with 0, or says in one line why the device fails and exits with 1.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ..errors import LightdomeError
 if TYPE_CHECKING:
     from .rates import Rates
 
-# With a vector of 16, as lightdome's kernels have: some compilers fail only on those.
+# With a vector of 16, as in lightdome's kernels: some compilers fail only on those.
 _SOURCE = """
 kernel void probe(global float *a)
 {
@@ -46,11 +46,11 @@ def main() -> None:
 
 
 def probe(platform: int, device: int) -> Rates:
-    """The rates of the device of these indices.
+    """The rates of the device with these indices.
 
     Raises :class:`LightdomeError` if it does not compile and run kernels.
     """
-    # A binary from a better day says nothing about the compiler of today: no cache.
+    # No caches: a cached binary says nothing about whether the compiler works today.
     os.environ["PYOPENCL_NO_CACHE"] = "1"
     os.environ["POCL_KERNEL_CACHE"] = "0"
     ensure_room()
@@ -62,7 +62,7 @@ def probe(platform: int, device: int) -> Rates:
 
     try:
         devices = [found.get_devices() for found in cl.get_platforms()]
-    except cl.Error:  # the loader's way to say that there are none
+    except cl.Error:  # how the loader says that there are none
         devices = []
     if not (0 <= platform < len(devices) and 0 <= device < len(devices[platform])):
         there = ", ".join(f"{p} {d}" for p, of_platform in enumerate(devices) for d in range(len(of_platform)))

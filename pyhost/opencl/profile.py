@@ -1,4 +1,4 @@
-"""What every stage costs on the device, from OpenCL's profiling events."""
+"""The device time of every stage, from OpenCL's profiling events."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import Any
 
 import pyopencl as cl
 
-PENDING = 64  # commands that may be under way: so many events are kept, and what their commands work on
+PENDING = 64  # commands in flight: at most so many events are kept, with the arrays that their commands use
 
 
 class Profile:
     """Device time by the name of its stage, in the order in which the stages first ran.
 
-    An event, and what its command works on, is kept until the command is done.
+    An event, and the arrays that its command uses, are kept until the command is done.
     """
 
     def __init__(self) -> None:
@@ -21,7 +21,7 @@ class Profile:
         self._pending: deque[tuple[str, cl.Event, tuple[object, ...]]] = deque()  # an in-order queue's, oldest first
 
     def record(self, stage: str, event: cl.Event, *kept: object) -> None:
-        """Count ``event`` as a part of ``stage``; ``kept`` stays alive until it is complete."""
+        """Add the time of ``event`` to ``stage``; ``kept`` stays alive until the event is complete."""
         self._pending.append((stage, event, kept))
         while self._pending and (len(self._pending) > PENDING or self._pending[0][1].command_execution_status <= 0):
             self._settle_oldest()
@@ -35,7 +35,7 @@ class Profile:
         stage, event, kept = self._pending.popleft()
         event.wait()
         del kept  # not before
-        # Much quicker than event.profile.end.
+        # Much faster than event.profile.end.
         times: list[Any] = [event.get_profiling_info(time) for time in (cl.profiling_info.END, cl.profiling_info.START)]
         self._nanoseconds[stage] = self._nanoseconds.get(stage, 0) + times[0] - times[1]
 
@@ -45,6 +45,6 @@ class Profile:
         return {stage: 1e-9 * nanoseconds for stage, nanoseconds in self._nanoseconds.items()}
 
     def clear(self) -> None:
-        """Forget all that has run; waits for what is still running."""
+        """Forget all times; waits for what is still running."""
         self.settle()
         self._nanoseconds.clear()

@@ -22,10 +22,10 @@ _SAVED = re.compile(r"\(source saved as (.+)\)")
 
 
 def source(name: str) -> str:
-    """The text of ``clkernels/name`` with the headers written in, each once: ours, and Random123 from pyopencl.
+    """The text of ``clkernels/name`` with its headers inlined, each once: ours, and Random123 from pyopencl.
 
-    Headers are inlined rather than found by an include path: that works from any folder, also one whose name
-    has spaces, which PoCL's compiler does not find, and keeps the text the only key of the binary cache.
+    An include path would not do: PoCL's compiler finds no folder with spaces in its name, and the binary cache would
+    not notice that a header has changed.
     """
     seen: set[Traversable] = set()
 
@@ -57,7 +57,7 @@ def check_process(opened_by: int) -> None:
 
 
 def compiler_says(error: cl.Error) -> str:
-    """The line that matters of what a failed build says; pyopencl leaves its source on disk, and that goes."""
+    """The line that matters in the message of a failed build. Deletes the source that pyopencl leaves on disk."""
     said = str(error)
     if saved := _SAVED.search(said):
         Path(saved[1]).unlink(missing_ok=True)
@@ -68,7 +68,7 @@ class Kernel:
     """A kernel that is called with named arguments, and only in the process that opened its device."""
 
     def __init__(self, kernel: cl.Kernel, signature: Signature) -> None:
-        # From arguments of known types pyopencl makes a call that takes half the time.
+        # With argument types declared, pyopencl takes half the time for a call.
         kernel.set_scalar_arg_dtypes([None if p.is_pointer or p.lanes > 1 else p.dtype for p in signature.parameters])
         self._kernel = kernel
         self._signature = signature
@@ -84,9 +84,9 @@ class Kernel:
         global_offset: tuple[int, ...] | None = None,
         **arguments: Argument,
     ) -> cl.Event:
-        """Run it with global and local size; keep ``arguments`` until the event is complete.
+        """Enqueue it with these global and local sizes; keep ``arguments`` alive until the event is complete.
 
-        Raises ``TypeError`` for arguments that are not those of its signature.
+        Raises ``TypeError`` for arguments that do not match its signature.
         """
         check_process(self._process)
         return self._kernel(queue, size, local, *self._signature.bind(arguments), global_offset=global_offset)
@@ -104,13 +104,13 @@ class Programs:
 
     @property
     def built(self) -> list[str]:
-        """The kernels that were built, in order, each with what it was specialised on."""
+        """The kernels built so far, in order, each with the names of its defines."""
         names = ((name.rpartition("/")[2], defines) for name, defines in self._kernels)
         return [f"{name} ({', '.join(dict(defines))})" if defines else name for name, defines in names]
 
     @property
     def available(self) -> int:
-        """How many kernels there are."""
+        """The number of kernels in ``clkernels/``."""
         return sum(
             file.name.endswith(".cl")
             for folder in resources.files("lightdome.clkernels").iterdir()
@@ -136,7 +136,7 @@ class Programs:
         check_process(self._process)
 
     def kernel(self, name: str, **defines: int) -> Kernel:
-        """The kernel ``name``, as ``sampling/row_cdf``, of ``clkernels/name.cl``, with ``-D`` for each of ``defines``.
+        """The kernel of ``clkernels/name.cl``, such as ``sampling/row_cdf``, with ``-D`` for each of ``defines``.
 
         Raises :class:`LightdomeError` if the device's compiler refuses it, or in a forked process.
         """
@@ -147,7 +147,7 @@ class Programs:
             options = ["-cl-std=CL1.2", *(f"-D{define}={value}" for define, value in sorted(of_all.items()))]
             program = cl.Program(self._context, self.text(name))
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", cl.CompilerWarning)  # chatter of a build that went well
+                warnings.simplefilter("ignore", cl.CompilerWarning)  # remarks on a build that succeeded
                 try:
                     program.build(options)
                 except cl.RuntimeError as error:

@@ -1,9 +1,9 @@
-"""What an OpenCL device does in a second: measured, since what implementations claim says little about it.
+"""How fast an OpenCL device is: measured, since what implementations claim says little about it.
 
 An implementation that claims fused multiply-adds may take five times as long for ``fma()`` as for a product and a sum,
-and one that is newer than another need not be faster. So a few small kernels run once for each device and version, in
-the process in which :mod:`lightdome.probe` tries the device. Their rates choose among devices, and decide how kernels
-spell a multiply-add.
+and a newer implementation is not always faster. So a few small kernels run once for each device and version, in the
+process in which :mod:`lightdome.probe` tries the device. Their rates decide which device is used, and how kernels write
+a multiply-add.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ COPY_BYTES, COPY_BLOCK = 2**25, 2048  # read and written together; vectors per w
 TRANSFER_BYTES = 2**24
 MATRIX = 512  # rows and columns of numpy's product
 
-FUSED_PAYS = 0.9  # of the rate of a product and a sum; fused is also more exact
+FUSED_PAYS = 0.9  # of the plain rate: from there on kernels use fma, which is also more exact
 SLOW = 1 / 3  # of numpy's rate
 
-# A frame: what an image of a map takes, roughly.
+# A frame: roughly what one image takes.
 FRAME_MULTIPLY_ADDS = 2**30
 FRAME_COPIES = 2**26
 FRAME_TRANSFERS = 2**24
@@ -56,12 +56,12 @@ class Rates:
 
     @property
     def is_fused(self) -> bool:
-        """Whether kernels shall use ``fma``."""
+        """Whether kernels should use ``fma``."""
         return self.fused >= FUSED_PAYS * self.plain
 
     @property
     def multiply_adds(self) -> float:
-        """Multiply-adds a second, as kernels spell them."""
+        """Multiply-adds per second, written the faster way."""
         return self.fused if self.is_fused else self.plain
 
     @property
@@ -92,7 +92,7 @@ class Rates:
         result = cls(**values)
         for name, value in values.items():
             if not (value is None and name == "transfers") and not 0 < float(value) < float("inf"):
-                raise ValueError(f"{name} is no rate")
+                raise ValueError(f"{name} must be a positive number")
         return result
 
 
@@ -150,7 +150,7 @@ def _numpy() -> float:
 
 
 def _on_device(*starts: Callable[[], cl.Event]) -> list[float]:
-    """The fewest seconds that the device says each took; they run in turn, so that other programs hold up all alike."""
+    """The shortest device time of each, in seconds. They take turns, so that other programs slow all of them alike."""
     seconds: list[list[float]] = [[] for _ in starts]
     for _ in range(1 + REPEATS):
         for start, of_start in zip(starts, seconds, strict=True):
@@ -161,7 +161,7 @@ def _on_device(*starts: Callable[[], cl.Event]) -> list[float]:
 
 
 def _on_host(run: Callable[[], object]) -> float:
-    """The fewest seconds of the host's clock."""
+    """The shortest time by the host's clock, in seconds."""
     seconds = []
     for _ in range(1 + REPEATS):
         begin = time.perf_counter()

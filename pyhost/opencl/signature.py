@@ -1,7 +1,7 @@
-"""What a kernel takes, read from its own text, and arguments cast to that.
+"""A kernel's signature, read from its source, and arguments cast to its types.
 
-A kernel's arguments are named: one that is missing, superfluous or of another type is a defect of the caller, and a
-``TypeError`` that names the kernel and the argument. OpenCL itself accepts any buffer for any pointer argument.
+Arguments are named. A missing, superfluous or mistyped one is a defect of the caller and raises a ``TypeError`` that
+names the kernel and the argument. OpenCL itself accepts any buffer for any pointer argument.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import pyopencl as cl
 from .memory import DeviceArray
 
 Argument = DeviceArray | SupportsFloat | SupportsIndex | Sequence[float] | np.ndarray | None
-# None is a null pointer, for what the kernel does not read as it was built.
+# None is a null pointer, for an array that the kernel does not read with these defines.
 
 _SIZES = {"char": 1, "short": 2, "int": 4, "long": 8}  # bytes
 _INTEGERS = {
@@ -47,7 +47,7 @@ class Parameter:
     is_writable: bool = False
 
     def cast(self, value: Argument) -> cl.Buffer | np.generic | np.ndarray | None:
-        """What pyopencl takes for ``value``. Raises ``TypeError`` for a value that this parameter cannot be."""
+        """``value`` in the form that pyopencl takes. Raises ``TypeError`` if it does not fit this parameter."""
         if self.is_pointer:
             if value is None and not self.is_writable:
                 return None
@@ -102,9 +102,9 @@ class Signature:
 
 
 def signature(name: str, text: str) -> Signature:
-    """The signature of the kernel ``name``, as ``sampling/row_cdf``, in the ``text`` that is built.
+    """The signature of the kernel ``name``, such as ``sampling/row_cdf``, in its source ``text``.
 
-    Raises ``ValueError`` where the text has no such kernel, or one that is not understood.
+    Raises ``ValueError`` if the text has no such kernel, or if its parameters are not understood.
     """
     found = re.search(rf"\bkernel\s+void\s+{name.rpartition('/')[2]}\s*\(([^)]*)\)", text)
     if not found:

@@ -169,7 +169,7 @@ def _not_executable(path: Path) -> LightdomeError:
 
 
 def decisions(pbrt: Pbrt, scene: Scene) -> list[Decision]:
-    """What was used for the image of ``scene``, and what was left out, with the reasons."""
+    """What was used for the image of ``scene``, and what was skipped, with the reasons."""
     result = [Decision("OpenCL kernels", False, f"{pbrt} rendered")]
     if scene.version == 3:
         result.append(

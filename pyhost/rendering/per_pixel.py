@@ -1,23 +1,22 @@
 """The diffuse sphere by Monte Carlo with fresh samples for every pixel: noise instead of bias.
 
-Four estimators, all unbiased. What one sample per pixel means for each:
+Four estimators, all unbiased. What one sample per pixel is for each:
 
-- ``light``: a direction drawn as the light is: the least work; half of them lie below the horizon
-- ``bsdf``: a direction drawn as the cosine is: good only where the light is much the same from everywhere
-- ``mis``: one of both, weighted by the power heuristic: never much worse than the better of them
-- ``product``: a direction drawn as light times cosine, nearly: by far the least noise, for tables that cost
-  a few milliseconds, and for no surface but a diffuse one
+- ``light``: a direction sampled by the light: the least work, but about half of the directions lie below the horizon
+- ``bsdf``: a direction sampled by the cosine: good only if the light is much the same from everywhere
+- ``mis``: one of each, weighted by the power heuristic: never much worse than the better of the two
+- ``product``: a direction sampled by light times cosine, approximately: by far the least noise, for tables that take a
+  few milliseconds to build; for diffuse surfaces only
 
 The error of N independent points falls as 1 / sqrt(N), that of Sobol points and lattices faster. ``light`` and
-``product`` look at the centres of the map's pixels like the samples of part 2, and converge to
-:func:`lightdome.exact`; ``bsdf`` and ``mis`` see pixels as areas of constant radiance, and converge to
-``exact(..., pixels="areas")``, and so do the other two with ``within="pixel"``. The two images differ most beside the
-shadow's edge of a single bright pixel, in both directions, by a part of the image's maximum that falls as 1 / H.
+``product`` see the centres of the map's pixels, as the samples of part 2 do, and converge to :func:`lightdome.exact`.
+``bsdf`` and ``mis`` see pixels as areas of constant radiance, and converge to ``exact(..., pixels="areas")``; so do the
+other two with ``within="pixel"``. The two images differ most beside the edge of a single bright pixel's shadow, in both
+directions, by a fraction of the image's maximum that falls as 1 / H, where H is the map's height.
 
 Kernels: ``render_light.cl``, ``render_light_areas.cl``, ``render_bsdf.cl``, ``render_mis.cl``, ``render_product.cl``,
-``render_product_areas.cl``. Source: Veach, thesis
-(1997), chapter 9; Pharr, Jakob, Humphreys, Physically Based Rendering, 4th ed., 2.2 and 13.2; Karlik et al., MIS
-Compensation (2019).
+``render_product_areas.cl``. Source: Veach, thesis (1997), chapter 9; Pharr, Jakob, Humphreys, Physically Based
+Rendering, 4th ed., 2.2 and 13.2; Karlik et al., MIS Compensation (2019).
 """
 
 from __future__ import annotations
@@ -47,17 +46,10 @@ if TYPE_CHECKING:
     from ..opencl.signature import Argument
 
 SAMPLES_PER_LAUNCH = 2**25  # pixels x spp between two updates of the progress line
-PIXELS_PER_BLOCK = 128  # that a work-item of a CPU renders side by side
+PIXELS_PER_BLOCK = 128  # rendered side by side by a work-item of a CPU
 SAMPLES_PER_SUM = 128  # spp that a launch sums in single precision; the sum over launches is in double words
-OF_MAP = (
-    "radiance",
-    "theta",
-    "phi",
-    "edge",
-    "width",
-    "height",
-    "scale",
-)  # arguments that a DeviceMap has by these names
+# Arguments of kernels that a DeviceMap has under the same names.
+OF_MAP = ("radiance", "theta", "phi", "edge", "width", "height", "scale")
 
 
 def render(
@@ -74,17 +66,18 @@ def render(
     """Yield (spp, image) for each of ``spp`` in increasing order; images are (R, R, 3) float32 radiance.
 
     - ``estimator``: ``light``, ``bsdf``, ``mis`` or ``product``, see above
-    - ``sequence``: ``independent``; ``sobol`` with an Owen scramble of its own for every pixel; or ``lattice`` with a
-      shift of its own. The last two are best at powers of two
-    - ``mis_compensation``: with ``mis``, draw from the light only what is above its mean, and leave the rest
-      to the cosine's samples
+    - ``sequence``: ``independent``; ``sobol``, with a separate Owen scramble for every pixel; or ``lattice``, with a
+      separate shift. The last two are best at powers of two
+    - ``mis_compensation``: with ``mis``, sample only the light above the map's mean, and leave the rest to the cosine's
+      samples
     - ``within``: where in a pixel of the map directions lie: at its ``centre``, the default of ``light`` and
-      ``product``, or anywhere in the ``pixel``, evenly over its solid angle, as those of ``bsdf`` and ``mis`` always do
+      ``product``; or anywhere in the ``pixel``, uniform over its solid angle, where those of ``bsdf`` and ``mis``
+      always lie
 
-    An image of more samples continues the one of fewer, so all cost as much as the largest. A black map
-    gives black. Raises :class:`LightdomeError` for a resolution or a number of samples out of range, for
-    an albedo that is negative or not finite, for unknown names, for compensation without ``mis``, and for centres
-    with ``bsdf`` or ``mis``.
+    An image of more samples continues that of fewer, so all together cost as much as the largest. A black map gives
+    a black image. Raises :class:`LightdomeError` for a resolution or a number of samples out of range, for an albedo
+    that is negative or not finite, for unknown names, for compensation without ``mis``, and for centres with ``bsdf``
+    or ``mis``.
     """
     checks.instance("the distribution", distribution, Distribution)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
@@ -119,7 +112,7 @@ def _images(
         return
 
     device.decisions.skip("code of other estimators and sequences", f"{estimator} and {sequence} are built alone")
-    # First, as the largest: what a device has no room for fails at once.
+    # Allocated first, as the largest: if the device has no room for it, this fails at once.
     total = memory.zeros(device, (2, resolution, resolution, 3), np.float32)
     disc = disc_tiles(resolution, 1, 1)
     note_tiles(device.decisions, disc, resolution, 1, 1)
@@ -166,16 +159,16 @@ def _black(spp: Sequence[int], resolution: int) -> Iterator[tuple[int, np.ndarra
 def _launch(
     distribution: Distribution, kernel: str, mis_compensation: bool, disc: np.ndarray, defines: dict[str, int]
 ) -> tuple[Callable[..., None], float]:
-    """``kernel``, given all but its last arguments, and the flux of R + G + B that it samples.
+    """A launch of ``kernel`` that has all arguments but the last, and the flux of R + G + B that it samples.
 
-    It is given what its signature asks for: what it reads of the map, the CDFs and their guide tables, and factors.
+    It has what the kernel's signature names of the map, of the CDFs and their guide tables, and of the factors.
     """
     device, of_map, cdf = distribution.device, distribution.map, distribution.cdf
     offset = 0.0
     if mis_compensation:
         mean = float(np.float32(cdf.total / np.sin(of_map.row_angles).sum() / of_map.width))
         compensated = build_cdf(of_map, mean)
-        if compensated.total > 0:  # else the map is the same all over: there is nothing above its mean
+        if compensated.total > 0:  # else the map is uniform: nothing is above its mean
             cdf = compensated
             offset = mean
     flux = 3 * distribution.flux * (cdf.total / distribution.total)
@@ -192,14 +185,14 @@ def _launch(
 
 
 def _of_map(distribution: Distribution, wanted: frozenset[str]) -> dict[str, Argument]:
-    """What a kernel that has these arguments reads of the map."""
+    """The arguments of a kernel, of those that it has, that come from the map."""
     return {argument: getattr(distribution.map, argument) for argument in OF_MAP if argument in wanted}
 
 
 def _product_launch(
     distribution: Distribution, kernel: str, cdfs: ProductCDFs, disc: np.ndarray, defines: dict[str, int]
 ) -> Callable[..., None]:
-    """``kernel``, which has CDFs of its own, given all but its last arguments."""
+    """A launch of ``kernel``, which samples by CDFs of its own, that has all arguments but the last."""
     device = distribution.device
     return _in_blocks(
         device,
@@ -225,7 +218,7 @@ def _product_launch(
 def _in_blocks(
     device: Device, name: str, disc: np.ndarray, defines: dict[str, int], **arguments: Any
 ) -> Callable[..., None]:
-    """The kernel ``name``, a work-item for each block of the disc's pixels, given these arguments."""
+    """A launch of the kernel ``name``, with a work-item for each block of the disc's pixels, that has ``arguments``."""
     block = 1 if device.is_gpu else PIXELS_PER_BLOCK
     return partial(
         device.launch,

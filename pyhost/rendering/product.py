@@ -1,8 +1,8 @@
 """Sampling the product of light and cosine: coarse CDFs for every tile of the sphere's image.
 
-The map is cut into cells and the image into tiles. A tile picks a cell by the light it holds times about
-the cosine that the tile's normals have with it, and the cell picks one of its pixels by its light. So next
-to nothing is drawn below the horizon. Kernels: ``cells.cl``, ``product_cdf.cl``, ``render_product.cl``.
+The map is cut into cells and the image into tiles. A tile picks a cell by the cell's light times an approximation of
+the cosine that the tile's normals have with it, and the cell picks one of its pixels by its light. So hardly any
+direction is drawn below the horizon. Kernels: ``cells.cl``, ``product_cdf.cl``, ``render_product.cl``.
 Source: Cline, Egbert, Talbot, Cardon, Two Stage Importance Sampling for Direct Lighting (2006); Clarberg,
 Jarosz, Akenine-Möller, Jensen, Wavelet Importance Sampling (2005).
 """
@@ -27,7 +27,7 @@ TILES = 32  # most tiles across and down the image
 
 @dataclass(frozen=True)
 class ProductCDFs:
-    """CDFs of all tiles over the cells of a map, and of all cells over their pixels."""
+    """The CDFs of all tiles over the cells of a map, and of all cells over their pixels."""
 
     tile_size: int
     tile_row_cdf: DeviceArray  # (T, T, cells down, cells across) uint32
@@ -51,7 +51,7 @@ class ProductCDFs:
 def build_product_cdfs(distribution: Distribution, resolution: int, areas: bool = False) -> ProductCDFs:
     """The CDFs for the image of ``resolution`` x ``resolution`` pixels under a map that is not black.
 
-    With ``areas`` they cover all directions within a pixel, else those of centres.
+    With ``areas`` they cover all directions within a pixel, else only its centre.
     Raises :class:`LightdomeError` for a resolution outside 1 to 16384.
     """
     checks.instance("the distribution", distribution, Distribution)
@@ -114,7 +114,7 @@ def build_product_cdfs(distribution: Distribution, resolution: int, areas: bool 
 
 
 def _spread(of_map: DeviceMap) -> np.ndarray:
-    """A bound on the distance of directions within a pixel from its centre, for each row, (H,) float32.
+    """A bound, for each row, on the distance from a pixel's centre to any direction in it, (H,) float32.
 
     The square of a chord between angles d_theta and d_phi apart is 4 sin(d_theta / 2)^2 and 4 sin(theta) sin(theta')
     sin(d_phi / 2)^2. Rows end where ``edge`` says, in float32.

@@ -19,7 +19,7 @@ from .guide import Guide, build_guide
 
 @dataclass(frozen=True)
 class MapCDF:
-    """What picks a pixel of a map: first a row, then a pixel in it.
+    """The CDFs that pick a pixel of a map: first a row, then a pixel in it.
 
     - ``rows``: the CDF of each row, (H, W) uint32
     - ``marginal``: the CDF over rows, (H,) uint32
@@ -53,7 +53,7 @@ def build_cdf(of_map: DeviceMap, offset: float = 0.0) -> MapCDF:
 
 
 def build_row_cdfs(of_map: DeviceMap, offset: float = 0.0, out: RowCDFs | None = None) -> RowCDFs:
-    """The CDFs of all rows; ``out`` is the arrays from an earlier call for the same map, to overwrite."""
+    """The CDFs of all rows; ``out`` holds arrays from an earlier call for the same map, to be overwritten."""
     device, shape = of_map.device, (of_map.height, of_map.width)
     out = out or RowCDFs(memory.empty(device, shape, np.uint32), memory.empty(device, (shape[0], 2), np.float32))
     radiance = of_map.radiance

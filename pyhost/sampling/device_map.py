@@ -1,4 +1,4 @@
-"""A map on a device, made once for all that reads it there."""
+"""A map on a device, made once for everything that reads it there."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..opencl import memory
 from ..opencl.device import Device
 from ..opencl.memory import DeviceArray
 
-BORDER = 2e-7  # radians that directions stay away from the borders of their rows: what float32 could carry across
+BORDER = 2e-7  # radians between directions and the borders of their rows, which rounding to float32 could cross
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class DeviceMap:
 
     - ``scale``: a power of two that keeps sums over the map inside float32's range
     - ``row_angles``: polar angles of its rows, (H,) float64; a band of a larger map has those of its own rows
-    - ``row_angle``: the angle from a row to the next, radians
+    - ``row_angle``: the angle from one row to the next, radians
     """
 
     device: Device
@@ -35,7 +35,7 @@ class DeviceMap:
 
     @classmethod
     def of(cls, device: Device, envmap: EnvironmentMap | DeviceMap) -> DeviceMap:
-        """The whole map on ``device``; what is there already stays as it is.
+        """The whole map on ``device``; one that is there already is returned as it is.
 
         Raises :class:`LightdomeError` if one argument is of another type.
         """
@@ -48,7 +48,7 @@ class DeviceMap:
         return cls(device, envmap, range_scale(envmap.peak), row_angles(envmap.height), np.pi / envmap.height)
 
     def upload(self) -> None:
-        """Make now what all samplers read, and not with the first samples."""
+        """Upload now what all samplers read, rather than with the first samples."""
         for name in ("radiance", "theta", "phi"):
             getattr(self, name)
 
@@ -84,7 +84,7 @@ class DeviceMap:
 
     @cached_property
     def row_versines(self) -> DeviceArray:
-        """1 - cos of the polar angles between which directions of each row are placed, (H, 2) uint64, in 2^-62."""
+        """1 - cos of the polar angles between which each row's directions lie, (H, 2) uint64, in units of 2^-62."""
         half = self.row_angle / 2 - min(BORDER, self.row_angle / 8)
         return memory.upload(self.device, versines(self.row_angles[:, None] + np.array([-half, half])))
 
@@ -136,9 +136,9 @@ def versines(angles: np.ndarray) -> np.ndarray:
 
 
 def range_scale(peak: float) -> float:
-    """A power of two that brings a map's peak to where no sum over a map can leave float32's range.
+    """A power of two by which a map with this peak is scaled, so that no sum over it leaves float32's range.
 
-    Large peaks come down to 2^60 and no further: the scale would be subnormal itself, and dim pixels with it.
+    Large peaks come down to 2^60 and no further: a smaller scale might be subnormal, and dim pixels with it.
     """
     if peak == 0 or 2.0**-60 <= peak <= 2.0**60:
         return 1.0

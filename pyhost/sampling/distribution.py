@@ -19,7 +19,7 @@ from ..names import WITHIN
 from ..opencl.device import Device
 from .cdf import MapCDF, build_cdf
 from .device_map import DeviceMap
-from .draw import BLACK, PIXELS, Points, drawn, given_points, sequence_points
+from .draw import BLACK, PIXEL_OUTPUTS, Points, drawn, given_points, sequence_points
 from .samples import Samples
 
 
@@ -58,15 +58,16 @@ class Distribution:
     def sample(self, count: int, seed: int = 0, sequence: str = "independent", within: str = "centre") -> Samples:
         """Draw ``count`` samples. The same ``seed`` gives the same samples on every device.
 
-        ``sequence`` is what the points are (``clkernels/common/sequence.clh``): ``independent``, ``stratified``
-        in cells of equal area for any count, ``sobol`` with Owen's scramble, the lattice ``r2``, or a ``lattice`` for
-        just so many points. The first n of more samples are the samples of n, but for ``stratified`` and ``lattice``.
+        ``sequence`` names the points (``clkernels/common/sequence.clh``): ``independent``; ``stratified``, in cells of
+        equal area, for any count; ``sobol``, Owen-scrambled; the lattice ``r2``; or a ``lattice`` for exactly so many
+        points. Except with ``stratified`` and ``lattice``, the first n samples of a larger set are the set of n.
 
         A point u = (across, down) of the sequence becomes a sample in two steps. ``down`` picks a row by the CDF over
         rows, and ``across`` a pixel of it by the row's CDF. Then ``within="centre"`` takes the direction of the
-        pixel's centre. ``within="pixel"`` takes one in it, evenly over its solid angle, by where in their steps of the
-        CDFs the numbers lie: phi goes with ``across`` through the column, cos(theta) with ``down`` through the row.
-        Both draw the same pixels, with the same probabilities.
+        pixel's centre. ``within="pixel"`` takes a direction in the pixel, uniform over its solid angle: the place of
+        ``across`` in its step of the CDF becomes phi, from one side of the column to the other, and that of ``down``
+        becomes cos(theta), from the top of the row to its bottom. Both draw the same pixels, with the same
+        probabilities.
 
         Raises :class:`LightdomeError` if the map is black, or for an invalid count, seed, sequence or ``within``.
         """
@@ -79,14 +80,14 @@ class Distribution:
         """
         points = sequence_points(count, seed, sequence)
         self._check_light()
-        pixels = drawn(self.map, self.cdf, points, PIXELS)
+        pixels = drawn(self.map, self.cdf, points, PIXEL_OUTPUTS)
         return pixels["pixel"], pixels["probability"]
 
     def sample_at(self, points: np.ndarray, within: str = "centre") -> Samples:
         """The samples at given ``points``, (N, 2) in [0, 1): column 0 picks x within a row, column 1 picks y.
 
-        This is how to draw from your own uniform numbers; :meth:`sample` says what becomes of a point. The first 32
-        bits of a number pick a pixel, and the place in it depends on the bits below too: give float64.
+        Use this to draw with your own uniform numbers; :meth:`sample` says how a point becomes a sample. The first 32
+        bits of a number pick the pixel, and the place in it depends on lower bits too, so give float64.
         Raises :class:`LightdomeError` for points outside [0, 1), and as :meth:`sample` does.
         """
         points = checks.array("points", points, ("N", 2), np.float64)
@@ -99,9 +100,9 @@ class Distribution:
     def pdf(self, directions: np.ndarray) -> np.ndarray:
         """The density per steradian at ``directions``, unit vectors (N, 3): (N,) float64.
 
-        It is that of samples with ``within="pixel"``: p(x, y) / solid angle of the pixel that a direction lies in,
-        which is I / Phi. Over the sphere it integrates to 1.
-        Raises :class:`LightdomeError` if the map is black, or for directions that are no unit vectors.
+        This is the density of samples with ``within="pixel"``: p(x, y) / solid angle of the pixel that a direction lies
+        in, which is I / Phi. Over the sphere it integrates to 1.
+        Raises :class:`LightdomeError` if the map is black, or for directions that are not unit vectors.
         """
         w_x, w_y, w_z = checks.unit_vectors("directions", directions, np.float64).T
         self._check_light()

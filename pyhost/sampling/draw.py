@@ -1,4 +1,4 @@
-"""Draw samples from a map by a CDF of it, at the points of a sequence or at given ones.
+"""Draw samples from a map by its CDF, at the points of a sequence or at given points.
 
 Kernels: ``sample.cl``, ``sample_pixels.cl``, and each with guide tables.
 """
@@ -22,7 +22,7 @@ from .samples import SEQUENCES
 
 MAX_COUNT = 2**31 - 1
 SAMPLES_PER_LAUNCH = 2**22  # between two updates of the progress line
-SAMPLES_PER_BLOCK = 256  # that a work-item of a CPU draws side by side
+SAMPLES_PER_BLOCK = 256  # drawn side by side by a work-item of a CPU
 SAMPLES_PER_PIXEL = 1 / 8  # samples per map pixel above which guide tables pay off
 BLACK = "the map is black everywhere, so there is no light to sample; use another map"
 
@@ -33,7 +33,7 @@ OUTPUTS: dict[str, tuple[tuple[int, ...], type]] = {
     "pixel": ((2,), np.int32),
     "probability": ((), np.float32),
 }
-PIXELS = ("pixel", "probability")  # the outputs of sample_pixels.cl
+PIXEL_OUTPUTS = ("pixel", "probability")  # the outputs of sample_pixels.cl
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def philox_key(seed: int) -> np.ndarray:
 
 
 def is_guided(count: int, of_map: DeviceMap) -> bool:
-    """Whether ``count`` samples of a map are so many that guide tables pay for themselves."""
+    """Whether ``count`` samples of a map are enough for guide tables to pay for themselves."""
     return count >= of_map.width * of_map.height * SAMPLES_PER_PIXEL
 
 
@@ -94,7 +94,10 @@ def room_for(device: Device, count: int, outputs: Iterable[str] = OUTPUTS) -> di
 def draw(
     of_map: DeviceMap, cdf: MapCDF, points: Points, outputs: Mapping[str, DeviceArray], within: str = "centre"
 ) -> None:
-    """Draw a sample at each of ``points`` and write ``outputs``: all of OUTPUTS, or PIXELS; ``within`` is of WITHIN."""
+    """Draw a sample at each of ``points``, and write ``outputs``: all of OUTPUTS, or PIXEL_OUTPUTS alone.
+
+    ``within`` is one of :data:`lightdome.names.WITHIN`, as for :meth:`lightdome.Distribution.sample`.
+    """
     device, count = of_map.device, points.count
     results: dict[str, Any] = {
         "sample_radiance" if name == "radiance" else name: array for name, array in outputs.items()

@@ -1,6 +1,6 @@
-"""Guide tables: searches of a map's CDFs that begin where they nearly end.
+"""Guide tables, with which searches of a map's CDFs begin close to where they end.
 
-They pay off only for many samples. Kernel: ``guide.cl``; ``guided.clh`` is what searches.
+They pay off only for many samples. ``guide.cl`` builds them, and ``guided.clh`` searches with them.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ..opencl.memory import DeviceArray
 if TYPE_CHECKING:
     from ..opencl.device import Device
 
-BUCKETS_PER_ROW = 4.0  # one table for all rows
+BUCKETS_PER_ROW = 4.0  # of the one table for the CDF over rows
 BUCKETS_PER_PIXEL = 1.0
 MAX_BUCKETS = 2**26  # of all rows: half a gibibyte
 
@@ -26,7 +26,7 @@ MAX_BUCKETS = 2**26  # of all rows: half a gibibyte
 class Guide:
     """Where the searches of the CDF over rows and of those of the rows begin and end.
 
-    - ``marginal``, ``rows``: the tables, 2^32 >> shift records a CDF, (count, records, 2) uint32
+    - ``marginal``, ``rows``: the tables, 2^32 >> shift records per CDF, (count, records, 2) uint32
     - ``row_total``: the last entry of each row's CDF, (H,) uint32
     """
 

@@ -22,7 +22,7 @@ from ..names import SEQUENCES as SEQUENCES
 from ..names import WITHIN
 
 MAX_SAMPLES = 2**27  # what a file may hold; 44 bytes each
-MAX_INFLATION = 64  # `save` packs nothing; what others packed is far from this, but a bomb is not
+MAX_INFLATION = 64  # arrays to file: `save` does not compress, and other programs stay far below this, but not a bomb
 MAX_SIDE = 2**20  # of a map
 PER_SAMPLE = ("direction", "radiance", "probability", "pixel")  # arrays of samples
 
@@ -45,7 +45,7 @@ class Samples:
     - ``radiance``: (N, 3) float32, of the chosen pixels
     - ``probability``: (N,) float32, the discrete p(x, y) of the chosen pixels
     - ``pixel``: (N, 2) int32, (x, y)
-    - ``sequence``, ``seed``, ``version``: what drew them; the same three and ``within`` draw them again
+    - ``sequence``, ``seed``, ``version``: what drew them; together with ``within`` they draw the same samples again
     - ``within``: where the directions lie: at the ``centre`` of the chosen pixels, or anywhere in the ``pixel``
 
     The arrays are read-only. ``Samples(...)`` copies them and raises :class:`LightdomeError` where they contradict
@@ -167,7 +167,7 @@ def check_count(count: int) -> None:
         raise LightdomeError(f"a file must hold {MAX_SAMPLES} samples or fewer, got {count}; use fewer samples")
 
 
-# What a file must hold, with the kinds of its types.
+# The arrays that a file must hold, and the kinds of their types.
 _KINDS = {
     "direction": "f",
     "radiance": "f",
@@ -182,21 +182,21 @@ _KINDS = {
 
 
 def _arrays(path: Path) -> dict[str, Any]:
-    """The arrays of an ``.npz``, each after a look at its header, so that no lie there costs memory."""
+    """The arrays of an ``.npz``; headers are checked first, so that a false one costs no memory."""
     arrays: dict[str, Any] = {}
     with _parsing(path):
         room = MAX_INFLATION * path.stat().st_size
-        if not path.is_file():  # a pipe would be waited for
-            raise LightdomeError(f"cannot read {path}: it is no ordinary file")
+        if not path.is_file():  # a pipe would block
+            raise LightdomeError(f"cannot read {path}: it is not a regular file")
         with zipfile.ZipFile(path) as archive:
             for name, kinds in _KINDS.items():
                 if f"{name}.npy" not in archive.namelist():
-                    if name == "within":  # files of versions that knew centres only
+                    if name == "within":  # written by a version that knew centres only
                         continue
-                    raise LightdomeError(f"{path} is no file of samples: it has no array {name!r}")
+                    raise LightdomeError(f"{path} is not a file of samples: it has no array {name!r}")
                 member = archive.getinfo(f"{name}.npy")
                 if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-                    raise LightdomeError(f"{path}: the array {name!r} is packed as numpy never does")
+                    raise LightdomeError(f"{path}: the array {name!r} is compressed in a way that numpy never uses")
                 with archive.open(member) as stream:
                     if np.lib.format.read_magic(stream) != (1, 0):
                         raise ValueError("unknown version of the array format")
@@ -204,7 +204,7 @@ def _arrays(path: Path) -> dict[str, Any]:
                 if dtype.kind not in kinds or (name == "map_shape" and shape != (2,)):
                     raise LightdomeError(f"{path}: the array {name!r} has the wrong type or shape, {one_line(dtype)}")
                 if max(shape, default=1) > MAX_SAMPLES:
-                    raise LightdomeError(f"{path}: holds more samples than can be used, {MAX_SAMPLES}")
+                    raise LightdomeError(f"{path} holds more than {MAX_SAMPLES} samples, the most that can be read")
                 if not 0 <= math.prod(shape) * dtype.itemsize <= min(member.file_size, room):
                     raise LightdomeError(f"{path} is damaged: the array {name!r} is not as long as it says")
                 with archive.open(member) as stream:
@@ -215,7 +215,7 @@ def _arrays(path: Path) -> dict[str, Any]:
 
 @contextmanager
 def _parsing(path: Path) -> Iterator[None]:
-    """Tell of a damaged file in one line: what zipfile, zlib and numpy raise and warn of then has no common class."""
+    """Report a damaged file in one line: what zipfile, zlib and numpy raise, or warn about, has no common class."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -249,7 +249,7 @@ def _check(samples: Samples) -> None:
     else:
         w_x, w_y, w_z = samples.direction.astype(np.float64).T
         sine = np.hypot(w_x, w_z)
-        refuse(~(np.abs(np.hypot(sine, w_y) - 1) < 1e-5), "a direction is no unit vector")
+        refuse(~(np.abs(np.hypot(sine, w_y) - 1) < 1e-5), "a direction is not a unit vector")
         down, across = np.arctan2(sine, w_y) - theta, np.arctan2(w_z, w_x) - phi
         across -= 2 * np.pi * np.round(across / (2 * np.pi))
         outside = (np.abs(down) > np.pi / height / 2 + 1e-5) | ((np.abs(across) - np.pi / width) * sine > 1e-5)

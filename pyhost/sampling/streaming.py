@@ -1,8 +1,8 @@
-"""Samples of a map that stays in its file: memory for bands of its rows, however large it is.
+"""Samples of a map that stays in its file: only bands of its rows are in memory, however large it is.
 
 The CDF over rows needs the sum of every row and no pixel after that, so the file is read once, band by band, and
-only the sums of each band are kept. That CDF says which rows the samples fall into. Those alone are read
-again and have CDFs built. The samples are those of :meth:`lightdome.Distribution.sample`, bit for bit.
+only the sums are kept. That CDF says which rows the samples fall into. Only those are read again, and get CDFs of
+their own. The samples are those of :meth:`lightdome.Distribution.sample`, bit for bit.
 Kernels: those of :mod:`lightdome.sampling.distribution`, and ``choose_rows.cl``.
 """
 
@@ -30,16 +30,15 @@ from .samples import Samples
 
 
 class _Chosen(NamedTuple):
-    """Of N samples: the ``row``; the point ``across`` it that picks a pixel; and the ``place`` down the row."""
+    """Of N samples: the ``row``; the number ``across`` that picks a pixel of it; and the ``place`` down the row."""
 
     row: np.ndarray  # uint32
     across: np.ndarray  # uint64, in 2^-64
     place: np.ndarray  # uint32, in 2^-32
 
 
-GROUP = (
-    64  # work-items per group: where it may choose, PoCL takes another size for nearly every count, and compiles anew
-)
+# Work-items per group. Left to choose, PoCL picks a different size for nearly every count, and compiles for each.
+GROUP = 64
 
 
 def sample_file(
@@ -53,10 +52,10 @@ def sample_file(
     sanitize: bool | str = False,
     report: Callable[[Replaced], None] | None = None,
 ) -> list[Samples]:
-    """One set of samples of the map in a file for each of ``counts``, as ``Distribution.sample`` draws them.
+    """A set of samples of the map in a file for each of ``counts``, as ``Distribution.sample`` draws them.
 
-    The file is read twice in all: whole, then those rows in which a sample lies. A map that leaves the range of
-    2^-60 to 2^60 at its peak is read whole twice.
+    All of the file is read once, then the rows that hold samples. If the map's peak lies outside 2^-60 to 2^60, all of
+    it is read twice.
 
     ``within`` is that of ``Distribution.sample``, ``sanitize`` that of :meth:`lightdome.EnvironmentMap.read`;
     ``report`` is called with what was replaced, if anything was. Raises :class:`LightdomeError` where the file cannot
@@ -67,7 +66,7 @@ def sample_file(
     counts = checks.wholes("counts", counts, 0, MAX_COUNT)
     checks.choice("place within a pixel", within, WITHIN)
     points = [sequence_points(count, seed, sequence) for count in counts]
-    memory.check_room(device, 12 * sum(counts))  # as where the map is in memory
+    memory.check_room(device, 12 * sum(counts))  # as for a map in memory
     inspection = Inspection(sanitize, image.largest)
     row_sums = _row_sums(device, image, 1.0, inspection)
     inspection.refuse_bad_pixels(str(image.path))
@@ -149,7 +148,7 @@ def _choose_rows(device: Device, marginal: DeviceArray, points: Points) -> _Chos
 
 
 def _point_in_step(step: np.ndarray, count: int, place: np.ndarray) -> np.ndarray:
-    """The point that picks each ``step`` of a CDF of ``count`` equal ones and lies at ``place`` in it, in 2^-64.
+    """The point that picks ``step`` of a CDF of ``count`` equal steps, at ``place`` in the step, in units of 2^-64.
 
     Places are fractions of 2^32, as ``within_pixel.clh`` computes them.
     """
@@ -175,7 +174,7 @@ def _draw(
     guided: list[bool] = []
     with Progress("reading the chosen rows") as progress:
         for rows, pixels in image.read(np.unique(row)):
-            # A CDF over these rows alone, each as likely as the others: the second point names one.
+            # A CDF over these rows alone, all equally likely: `down` picks the row that is already known.
             mended = inspection.mended(pixels)
             band = _band(device, image, rows, mended, inspection.peak, scale)
             even = memory.upload(device, np.arange(1, len(rows) + 1, dtype=np.uint32))
@@ -191,7 +190,7 @@ def _draw(
                 result[name][index] = values
             done += len(index)
             progress.update(done / count)
-    # Each band has decided for itself.
+    # Each band has decided for itself; this is the decision on all of them.
     if any(guided):
         many = f"in {sum(guided)} of {len(guided)} bands of rows, enough samples to pay for them"
         device.decisions.use("guide tables", many)

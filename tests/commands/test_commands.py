@@ -35,19 +35,19 @@ def said(result: object, of: str) -> set[str]:
 def test_each_count_is_explained_by_itself(run_here: Script, small_map: Path, tmp_path: Path) -> None:
     result = run_here("part2_sample", "--map", small_map, "--counts", 1000, 4, "--explain", "--out", tmp_path)
     assert result.returncode == 0, result.stderr
-    assert said(result, "4 samples") == {"left out: guide tables"}
+    assert said(result, "4 samples") == {"skipped: guide tables"}
     assert said(result, "1000 samples") == {"used: guide tables"}
-    assert "left out: scaling of weights" in said(result, "the map")
+    assert "skipped: scaling of weights" in said(result, "the map")
     assert "built 5 of" in result.stdout  # sample and sample_guided among them
 
     files = [tmp_path / f"samples_{n}.npz" for n in (1000, 4)]
     result = run_here("part3_shade", *files, "--resolution", 40, "--explain", "--out", tmp_path / "three")
     for of in ("4 samples", "1000 samples"):
         assert "used: a light for each sample" in said(result, of)
-        assert "left out: tiles outside the disc" in said(result, of)
+        assert "skipped: tiles outside the disc" in said(result, of)
 
 
-@pytest.mark.parametrize(("counts", "guided"), [((3, 4), "left out"), ((4, 1000), "used")])
+@pytest.mark.parametrize(("counts", "guided"), [((3, 4), "skipped"), ((4, 1000), "used")])
 def test_samples_alone_are_explained(
     run_here: Script, small_map: Path, tmp_path: Path, counts: tuple[int, int], guided: str
 ) -> None:
@@ -63,7 +63,7 @@ def test_images_of_part_4_are_explained(run_here: Script, small_map: Path, tmp_p
     result = run_here("part4_pbrt", "--map", small_map, *options)
     assert result.returncode == 0, result.stderr
     assert {"used: guide tables", "used: separate channels"} <= said(result, "2, 4 spp")
-    assert "left out: scaling of weights" in said(result, "the map")
+    assert "skipped: scaling of weights" in said(result, "the map")
 
 
 def test_a_later_decision_takes_an_earlier_one_back() -> None:

@@ -210,7 +210,7 @@ def test_explain_says_what_was_left_out(run_here: Script, device: Device, tmp_pa
     sampled = run_here("part2_sample", "--counts", 4, "--explain", "--out", tmp_path / "two")
     assert sampled.returncode == 0, sampled.stderr
     assert "built 3 of" in sampled.stdout
-    assert "left out: guide tables; 4 samples" in sampled.stdout
+    assert "skipped: guide tables; 4 samples" in sampled.stdout
     shaded = run_here("part3_shade", tmp_path / "two" / "samples_4.npz", "--explain", "--out", tmp_path / "three")
-    assert f"4 samples: {'used' if device.is_gpu else 'left out'}: brute force over pairs" in shaded.stdout
-    assert "left out" not in run_here("part3_shade", tmp_path / "two" / "samples_4.npz", "--out", tmp_path / "x").stdout
+    assert f"4 samples: {'used' if device.is_gpu else 'skipped'}: brute force over pairs" in shaded.stdout
+    assert "skipped:" not in run_here("part3_shade", tmp_path / "two" / "samples_4.npz", "--out", tmp_path / "x").stdout

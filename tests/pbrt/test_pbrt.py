@@ -337,8 +337,8 @@ def test_part_4_with_pbrt_needs_no_opencl(tmp_path, script):
     assert "4 spp: used: the sampler zsobol; 4 is a power of two" in result.stdout
     assert "3 spp: used: the sampler halton; 3 is no power of two" in result.stdout
     for spp in (3, 4):
-        assert f"{spp} spp: left out: OpenCL kernels; PBRT-v4 ({program}) rendered" in result.stdout
-        assert f"{spp} spp: left out: scaling of the map" in result.stdout
+        assert f"{spp} spp: skipped: OpenCL kernels; PBRT-v4 ({program}) rendered" in result.stdout
+        assert f"{spp} spp: skipped: scaling of the map" in result.stdout
 
 
 def test_part_4_leaves_the_scenes_where_pbrt_is_missing(tmp_path, script):

@@ -252,7 +252,7 @@ def test_a_direction_that_is_no_unit_vector_is_refused(saved: Path, shift: tuple
     direction = Samples.load(saved).direction.copy()
     direction[7] *= 1 + shift[1]
     rewrite(saved, direction=direction)
-    with pytest.raises(LightdomeError, match=r"no unit vector \(sample 7\)"):
+    with pytest.raises(LightdomeError, match=r"not a unit vector \(sample 7\)"):
         Samples.load(saved)
 
 

@@ -386,8 +386,8 @@ FAULTS: list[Fault] = [
     kernel(
         "sample: y and z exchanged",
         "sample_block.clh",
-        "stream_triples(w_x, angles->cos_theta, w_z, begin, n, direction);",
-        "stream_triples(w_x, w_z, angles->cos_theta, begin, n, direction);",
+        "stream_triples(w_x, w->cos_theta, w_z, begin, n, direction);",
+        "stream_triples(w_x, w_z, w->cos_theta, begin, n, direction);",
         "z is up elsewhere",
     ),
     kernel(
@@ -861,8 +861,8 @@ FAULTS: list[Fault] = [
     kernel(
         "product within pixels: a place of the other point",
         "render_product_areas.cl",
-        "block_placed(edge, width, x, y, place_across, place_down, &w);",
-        "block_placed(edge, width, x, y, place_down, place_down, &w);",
+        "float_directions(edge, width, x, y, place_across, place_down, &w);",
+        "float_directions(edge, width, x, y, place_down, place_down, &w);",
         "a copied name",
     ),
     kernel(
