@@ -12,7 +12,8 @@
 Data flows one way, and the folders are its path: :mod:`lightdome.maps` reads a map, :mod:`lightdome.sampling` makes a
 distribution of it and draws samples, :mod:`lightdome.lighting` lights a sphere with them or with the whole map, and
 :mod:`lightdome.rendering` draws the same sphere with fresh samples for every pixel. :mod:`lightdome.pbrt` lets PBRT
-draw it, :mod:`lightdome.fresnel` stands alone, :mod:`lightdome.evaluation` says how far off each is, and
+draw it, :mod:`lightdome.fresnel` stands alone, :mod:`lightdome.evaluation` says how far off each is,
+:mod:`lightdome.checking` whether another program's results are right, and
 :mod:`lightdome.reference` holds what all of it is checked against.
 """
 
@@ -26,6 +27,7 @@ TYPE_CHECKING = False  # like typing's, which takes long to load
 if TYPE_CHECKING:
     from . import (  # noqa: F401
         cache,
+        checking,
         checks,
         commands,
         console,
@@ -49,12 +51,12 @@ if TYPE_CHECKING:
         rendering,
         sampling,
     )
+    from .checking.fresnel import check_fresnel
+    from .checking.image import check_image
+    from .checking.lights import check_lights
+    from .checking.pdf import check_pdf
+    from .checking.samples import check_samples
     from .errors import LightdomeError
-    from .evaluation.check_fresnel import check_fresnel
-    from .evaluation.check_image import check_image
-    from .evaluation.check_lights import check_lights
-    from .evaluation.check_pdf import check_pdf
-    from .evaluation.check_samples import check_samples
     from .lighting.exact import exact
     from .lighting.harmonics import Harmonics, project, shade_harmonics
     from .lighting.light_files import write_csv, write_lights, write_pbrt
@@ -79,11 +81,11 @@ _HOME = {
     "EnvironmentMap": "maps.envmap",
     "default_map": "maps.default_map",
     "LightdomeError": "errors",
-    "check_fresnel": "evaluation.check_fresnel",
-    "check_image": "evaluation.check_image",
-    "check_lights": "evaluation.check_lights",
-    "check_pdf": "evaluation.check_pdf",
-    "check_samples": "evaluation.check_samples",
+    "check_fresnel": "checking.fresnel",
+    "check_image": "checking.image",
+    "check_lights": "checking.lights",
+    "check_pdf": "checking.pdf",
+    "check_samples": "checking.samples",
     "Harmonics": "lighting.harmonics",
     "project": "lighting.harmonics",
     "shade_harmonics": "lighting.harmonics",

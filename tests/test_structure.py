@@ -26,7 +26,8 @@ MAY_IMPORT = {
     "rendering": BASE | {"sampling", "rendering"},
     "evaluation": BASE | {"fresnel", "pbrt", "sampling", "lighting", "rendering", "evaluation"},
 }
-MAY_IMPORT["commands"] = MAY_IMPORT["evaluation"] | {"commands"}
+MAY_IMPORT["checking"] = MAY_IMPORT["evaluation"] | {"checking"}
+MAY_IMPORT["commands"] = MAY_IMPORT["checking"] | {"commands"}
 FOLDERS = {path.parent.name for path in HOST.glob("*/__init__.py")}
 # `python -m lightdome` and `python -m lightdome.probe` are commands; the package's names are for users.
 OUTSIDE = {HOST / "__init__.py", HOST / "__main__.py", HOST / "probe.py"}

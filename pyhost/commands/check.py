@@ -17,8 +17,8 @@ from ..files import replacing
 from . import cli
 
 if TYPE_CHECKING:
-    from ..evaluation.check_image import ImageCheck
-    from ..evaluation.check_tables import TableCheck
+    from ..checking.image import ImageCheck
+    from ..checking.tables import TableCheck
 
 
 @dataclass(frozen=True)
@@ -47,15 +47,15 @@ def image_arguments(parser: ArgumentParser) -> None:
 
 
 def image(args: Namespace) -> Found:
-    from ..evaluation.check_files import read_rendered
-    from ..evaluation.check_image import check_image
+    from ..checking.files import read_rendered
+    from ..checking.image import check_image
 
     pixels, linear = read_rendered(args.file, args.gamma)
     envmap = cli.load_map(args)
     device = cli.open_device(args)
     check = check_image(device, pixels, envmap, samples=args.samples, spp=args.spp, albedo=args.albedo, linear=linear)
     if args.out:
-        from ..evaluation.check_plot import error_map
+        from ..checking.plot import error_map
         from ..plotting import save_figure
 
         save_figure(error_map(check, args.file.name), args.out / f"{args.file.stem}_check.png")
@@ -92,7 +92,7 @@ def _line(label: str, text: str) -> str:
 
 
 def samples(args: Namespace) -> Found:
-    from ..evaluation.check_samples import check_samples, read_samples
+    from ..checking.samples import check_samples, read_samples
 
     return _of_table(check_samples(cli.load_map(args), *read_samples(args.file)))
 
@@ -108,7 +108,7 @@ def pdf_arguments(parser: ArgumentParser) -> None:
 
 
 def pdf(args: Namespace) -> Found:
-    from ..evaluation.check_pdf import check_pdf, read_pdf
+    from ..checking.pdf import check_pdf, read_pdf
 
     values, direction = read_pdf(args.file)
     return _of_table(check_pdf(cli.load_map(args), values, direction, args.per))
@@ -120,7 +120,7 @@ def lights_arguments(parser: ArgumentParser) -> None:
 
 
 def lights(args: Namespace) -> Found:
-    from ..evaluation.check_lights import check_lights, read_lights
+    from ..checking.lights import check_lights, read_lights
 
     direction, flux = read_lights(args.file)
     envmap = cli.load_map(args)
@@ -135,7 +135,7 @@ def fresnel_arguments(parser: ArgumentParser) -> None:
 
 
 def fresnel(args: Namespace) -> Found:
-    from ..evaluation.check_fresnel import check_fresnel, read_curves
+    from ..checking.fresnel import check_fresnel, read_curves
 
     theta, curves = read_curves(args.file)
     return _of_table(check_fresnel(theta, *curves, eta=args.eta, leaving=args.leaving))
@@ -148,7 +148,7 @@ def folder_arguments(parser: ArgumentParser) -> None:
 
 
 def folder(args: Namespace) -> Found:
-    from ..evaluation.check_folder import COLUMNS, FolderCheck, page
+    from ..checking.folder import COLUMNS, FolderCheck, page
     from ..files import write_table
 
     if args.out is None:

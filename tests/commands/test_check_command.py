@@ -13,9 +13,9 @@ import OpenImageIO as oiio
 import pytest
 from helpers import stiff_radiance
 from lightdome import console
+from lightdome.checking.files import read_rendered
 from lightdome.commands import check as command
 from lightdome.errors import LightdomeError
-from lightdome.evaluation.check_files import read_rendered
 from lightdome.maps.images import tone_map, write_image
 from student import render
 

@@ -20,8 +20,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from helpers import GRACE, ROOT
+from lightdome.checking.image import ImageCheck, Reference
 from lightdome.disc import disc_mask
-from lightdome.evaluation.check_image import ImageCheck, Reference
 from lightdome.evaluation.metrics import relative_rmse
 from lightdome.lighting.exact import exact
 from lightdome.lighting.shade import shade_samples

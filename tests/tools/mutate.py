@@ -73,7 +73,9 @@ def faulty(root: Path, fault: Fault) -> tuple[Path, str]:
     for folder in AREAS[fault.area]:
         found = found or list((root / folder).rglob(fault.file))
     if fault.area == "host":
-        found = [path for path in found if path.parent.name != "commands"]
+        # Names of files there are names elsewhere; a fault gives them with their folder.
+        others = {"commands", "checking"} - set(Path(fault.file).parts)
+        found = [path for path in found if path.parent.name not in others]
     if len(found) != 1:
         raise LookupError(f"{len(found)} files of the area {fault.area} are called {fault.file}")
     (path,) = found

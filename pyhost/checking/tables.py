@@ -17,7 +17,7 @@ import numpy as np
 
 from .. import checks
 from ..errors import LightdomeError, one_line, quoted
-from .check_causes import CAUSES, Cause
+from .causes import CAUSES, Cause
 
 MAX_BYTES = 2**30
 MAX_INFLATION = 64  # of packed arrays
@@ -78,7 +78,7 @@ def _plain(value: object) -> object:
 
 
 def cause_named(name: str, others: Sequence[Cause] = ()) -> Cause:
-    """The cause of this name, of :data:`lightdome.evaluation.check_causes.CAUSES` or ``others``."""
+    """The cause of this name, of :data:`lightdome.checking.causes.CAUSES` or ``others``."""
     return next(cause for cause in (*others, *CAUSES) if cause.name == name)
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from .. import checks
 from ..errors import LightdomeError, quoted
 from ..fresnel.equations import critical_angle, fresnel, normal_reflectance, schlick
-from .check_causes import Cause
-from .check_tables import TableCheck, cause_named, column, read_table, verdict_of
+from .causes import Cause
+from .tables import TableCheck, cause_named, column, read_table, verdict_of
 
 CLOSE = 5e-4  # of a reflectance
 SHIFT = 1e-4  # radians, by which a printed angle may be off
@@ -116,7 +116,7 @@ Curves = tuple[np.ndarray | None, np.ndarray | None, np.ndarray | None]
 def read_curves(path: str | Path) -> tuple[np.ndarray, Curves]:
     """Angles in radians, and reflectances of unpolarised light, of p and of s, of a CSV or NPZ file.
 
-    See :mod:`lightdome.evaluation.check_tables`. Angles are in degrees or radians, as their column is named; without a
+    See :mod:`lightdome.checking.tables`. Angles are in degrees or radians, as their column is named; without a
     word, values above pi / 2 are degrees.
     Raises :class:`LightdomeError` for a file that cannot be read, or lacks angles or reflectances.
     """

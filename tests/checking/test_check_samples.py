@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import stiff_radiance
+from lightdome.checking.causes import CAUSES
+from lightdome.checking.laws import LAWS, MORE
+from lightdome.checking.samples import CAUSES_OF_SAMPLES, check_samples, read_samples
 from lightdome.errors import LightdomeError
-from lightdome.evaluation.check_causes import CAUSES
-from lightdome.evaluation.check_laws import LAWS, MORE
-from lightdome.evaluation.check_samples import CAUSES_OF_SAMPLES, check_samples, read_samples
 from lightdome.maps.conventions import from_uv
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.names import CONVENTIONS, SEQUENCES, WITHIN

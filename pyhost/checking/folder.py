@@ -27,15 +27,15 @@ from ..maps.envmap import EnvironmentMap
 from ..maps.images import READABLE, auto_exposure, tone_map
 from ..opencl.device import Device
 from ..progress import Progress
-from .check_causes import Cause
-from .check_files import PICTURES, read_rendered
-from .check_fresnel import ANGLES, check_fresnel, read_curves
-from .check_image import ImageCheck, Reference
-from .check_lights import check_lights, read_lights
-from .check_pdf import NAMES, check_pdf, read_pdf
-from .check_places import places
-from .check_samples import check_samples, read_samples
-from .check_tables import TableCheck, read_table
+from .causes import Cause
+from .files import PICTURES, read_rendered
+from .fresnel import ANGLES, check_fresnel, read_curves
+from .image import ImageCheck, Reference
+from .lights import check_lights, read_lights
+from .pdf import NAMES, check_pdf, read_pdf
+from .places import places
+from .samples import check_samples, read_samples
+from .tables import TableCheck, read_table
 
 COLUMNS = ("file", "kind", "agrees", "cause", "orientation", "relative_rmse", "verdict")
 THUMBNAIL = 160  # pixels, of the longer side
@@ -136,8 +136,9 @@ class FolderCheck:
 
     def _fresnel(self, path: Path, name: str) -> Row:
         theta, curves = read_curves(path)
-        check = check_fresnel(theta, *curves, eta=self.eta, leaving=self.leaving)
-        a, b = (self.eta, 1.0) if self.leaving else (1.0, self.eta)
+        leaving = self.leaving or "leaving" in path.stem.lower()
+        check = check_fresnel(theta, *curves, eta=self.eta, leaving=leaving)
+        a, b = (self.eta, 1.0) if leaving else (1.0, self.eta)
         p, s = fresnel(np.minimum(theta, np.pi / 2), a, b)
         lines = [(np.degrees(theta), v, "#bbb") for v in ((p + s) / 2, p, s)]
         lines += [

@@ -21,9 +21,9 @@ from .. import checks
 from ..errors import LightdomeError
 from ..maps.envmap import EnvironmentMap
 from ..maps.geometry import solid_angles
-from .check_causes import Cause, luminance
-from .check_laws import MORE, laws, right
-from .check_places import (
+from .causes import Cause, luminance
+from .laws import MORE, laws, right
+from .places import (
     CAUSES_OF_PLACES,
     CHANGES,
     LATTICES,
@@ -35,7 +35,7 @@ from .check_places import (
     on_lattice,
     places,
 )
-from .check_tables import (
+from .tables import (
     PIXELS,
     TableCheck,
     cause_named,
@@ -124,7 +124,7 @@ def read_samples(
 ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None, np.ndarray | None, np.ndarray | None]:
     """The arguments of :func:`check_samples` after the map, from a CSV or NPZ file.
 
-    See :mod:`lightdome.evaluation.check_tables`. Raises :class:`LightdomeError` for a file that cannot be read, or has
+    See :mod:`lightdome.checking.tables`. Raises :class:`LightdomeError` for a file that cannot be read, or has
     no directions.
     """
     table = read_table(path)

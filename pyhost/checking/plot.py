@@ -1,4 +1,4 @@
-"""The picture of :mod:`lightdome.evaluation.check_image`: the image, the exact one, and where they differ."""
+"""The picture of :mod:`lightdome.checking.image`: the image, the exact one, and where they differ."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from ..disc import disc_mask
 from ..maps.images import auto_exposure, tone_map
-from .check_image import ImageCheck
+from .image import ImageCheck
 
 
 @plotting.plain()

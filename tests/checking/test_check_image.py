@@ -10,11 +10,11 @@ import lightdome
 import numpy as np
 import pytest
 from helpers import ROOT
+from lightdome.checking.causes import CAUSES
+from lightdome.checking.disc import find_disc
+from lightdome.checking.image import Reference
 from lightdome.disc import disc_mask
 from lightdome.errors import LightdomeError
-from lightdome.evaluation.check_causes import CAUSES
-from lightdome.evaluation.check_disc import find_disc
-from lightdome.evaluation.check_image import Reference
 from lightdome.lighting.exact import exact
 from lightdome.lighting.shade import shade_samples
 from lightdome.maps.conventions import yaw_between

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..disc import disc_mask
+from ..evaluation.metrics import relative_rmse
 from ..maps.envmap import EnvironmentMap
 from ..maps.geometry import directions, solid_angles
-from .metrics import relative_rmse
 
 DEGREE = 4  # of the polynomials
 SAMPLES = 4096  # that stand for all that can be drawn from a map

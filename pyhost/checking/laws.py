@@ -1,6 +1,6 @@
 """The laws by which pixels of a map are drawn, the right one and those of known mistakes: weights (H, W) of a map.
 
-The names are those of :data:`lightdome.evaluation.check_causes.CAUSES`, and of :data:`MORE`.
+The names are those of :data:`lightdome.checking.causes.CAUSES`, and of :data:`MORE`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..maps.geometry import row_angles
-from .check_causes import Cause, luminance
+from .causes import Cause, luminance
 
 MORE = (
     Cause(

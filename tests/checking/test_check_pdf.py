@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import stiff_radiance
+from lightdome.checking.pdf import check_pdf, read_pdf
 from lightdome.errors import LightdomeError
-from lightdome.evaluation.check_pdf import check_pdf, read_pdf
 from lightdome.maps.conventions import from_uv
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import write_image

@@ -2,8 +2,8 @@
 
 The convention of the image is found first: where the sphere lies in it, mirrors and turns, one factor on the
 brightness. What is left is compared with what an unbiased estimator of N samples leaves, by moments of the image
-(:mod:`lightdome.evaluation.check_statistics`). An image that is off by more is compared with what each known mistake
-converges to (:mod:`lightdome.evaluation.check_causes`). It gets the name of that which explains it, unless another
+(:mod:`lightdome.checking.statistics`). An image that is off by more is compared with what each known mistake
+converges to (:mod:`lightdome.checking.causes`). It gets the name of that which explains it, unless another
 explains it as well.
 """
 
@@ -20,16 +20,17 @@ import numpy as np
 from .. import checks
 from ..disc import disc_mask
 from ..errors import LightdomeError
+from ..evaluation.metrics import relative_rmse
 from ..lighting.exact import exact, exact_kept
 from ..lighting.shade import shade
 from ..maps.envmap import EnvironmentMap
 from ..maps.geometry import directions, solid_angles
 from ..opencl.device import Device
 from ..progress import Progress
-from .check_causes import CAUSES, Cause, Irradiance
-from .check_disc import find_disc, seen_in
-from .check_files import GAMMA
-from .check_statistics import (
+from .causes import CAUSES, Cause, Irradiance
+from .disc import find_disc, seen_in
+from .files import GAMMA
+from .statistics import (
     Expected,
     Population,
     Sampling,
@@ -41,8 +42,7 @@ from .check_statistics import (
     population,
     zernike,
 )
-from .check_turn import Orientation, find_orientation, table_of
-from .metrics import relative_rmse
+from .turn import Orientation, find_orientation, table_of
 
 GRID = 63  # pixels across the disc, of images that hypotheses expect
 FEW = 4  # of its pixels, each of which counts where covariances are made
@@ -447,11 +447,11 @@ class _Check:
                 _Hypothesis(turned, orientation=orientation, covariance=covariance, factors=scale)
                 for scale in scales[:2]
             ]
-        for cause, pixels, covariance in reference.causes:
+        for cause, pixels, of_cause in reference.causes:
             if cause.picture and not self.linear:
                 continue
             result += [
-                _Hypothesis(pixels, cause=cause, covariance=covariance, factors=n)
+                _Hypothesis(pixels, cause=cause, covariance=of_cause, factors=n)
                 for n in (cause.factors if self.linear else (1,))
             ]
         return [self._named(h) for h in result if self._is_as_bright(h)]

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lightdome.checking.fresnel import CAUSES_OF_CURVES, check_fresnel, read_curves
 from lightdome.errors import LightdomeError
-from lightdome.evaluation.check_fresnel import CAUSES_OF_CURVES, check_fresnel, read_curves
 from lightdome.fresnel.equations import critical_angle, fresnel
 from student_fresnel import curves
 

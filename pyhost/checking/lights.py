@@ -17,16 +17,16 @@ import numpy as np
 
 from .. import checks
 from ..errors import LightdomeError
+from ..evaluation.metrics import relative_rmse
 from ..lighting.median_cut import median_cut
 from ..maps.envmap import EnvironmentMap
 from ..maps.geometry import row_angles, solid_angles
 from ..opencl.device import Device
 from ..sampling.distribution import build_distribution
-from .check_causes import Cause
-from .check_places import CAUSES_OF_PLACES, CHANGES, Turn, turns
-from .check_samples import UNIT
-from .check_tables import TableCheck, cause_named, colours_of, directions_of, read_table, unit, verdict_of
-from .metrics import relative_rmse
+from .causes import Cause
+from .places import CAUSES_OF_PLACES, CHANGES, Turn, turns
+from .samples import UNIT
+from .tables import TableCheck, cause_named, colours_of, directions_of, read_table, unit, verdict_of
 
 NORMALS = 400
 FINE = 2**14  # lights that stand for the whole map
@@ -82,7 +82,7 @@ CAUSES_OF_LIGHTS = (
 
 
 def read_lights(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
-    """Directions and fluxes, (N, 3) each, of a CSV or NPZ file; see :mod:`lightdome.evaluation.check_tables`.
+    """Directions and fluxes, (N, 3) each, of a CSV or NPZ file; see :mod:`lightdome.checking.tables`.
 
     Raises :class:`LightdomeError` for a file that cannot be read, or lacks one of the two.
     """

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..maps.conventions import PRESETS
-from .check_causes import Cause
+from .causes import Cause
 
 FEW = 96  # directions that conventions are tried with
 SAME = 1e-3  # relative difference of values that are the same but for their printed digits

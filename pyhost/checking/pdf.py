@@ -13,9 +13,9 @@ from ..errors import LightdomeError
 from ..maps.envmap import EnvironmentMap
 from ..maps.geometry import solid_angles
 from ..maps.images import READABLE, read_image
-from .check_laws import laws, right
-from .check_samples import CAUSES_OF_SAMPLES, CLOSE, Located, factor_named
-from .check_tables import TableCheck, cause_named, column, directions_of, read_table, verdict_of
+from .laws import laws, right
+from .samples import CAUSES_OF_SAMPLES, CLOSE, Located, factor_named
+from .tables import TableCheck, cause_named, column, directions_of, read_table, verdict_of
 
 NAMES = ("pdf", "density", "probability", "p")
 PER = ("either", "steradian", "pixel")
