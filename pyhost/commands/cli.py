@@ -41,12 +41,33 @@ class _Help(argparse.HelpFormatter):
         return "\n\n".join(super(_Help, self)._fill_text(part, width, indent) for part in text.split("\n\n"))
 
 
+class _Parser(argparse.ArgumentParser):
+    """Gives ``--rotate`` the numbers that follow it, and leaves it to others what comes after them, as a map."""
+
+    def parse_known_args(self, args=None, namespace=None):  # type: ignore[no-untyped-def, override]
+        result: list[str] = []
+        for word in sys.argv[1:] if args is None else args:
+            if result and result[-1].partition("=")[0] == "--rotate" and _is_number(word):
+                result[-1] += f" {word}" if "=" in result[-1] else f"={word}"
+            else:
+                result.append(word)
+        return super().parse_known_args(result, namespace)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
 def parser(description: str, example: str, out: str | None = None) -> argparse.ArgumentParser:
     """An argument parser with the look that all commands share, and the option ``--out`` if there is a default.
 
     The first paragraph of ``description`` is the purpose in one line; ``example`` holds the arguments of one.
     """
-    result = argparse.ArgumentParser(
+    result = _Parser(
         prog=Path(sys.argv[0]).name,
         description=description,
         epilog=f"example: {program()} {example}".rstrip(),
@@ -131,22 +152,19 @@ def orientation_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--mirror", action="store_true", help="reverse the columns, for a map that is mirrored")
     parser.add_argument(
         "--rotate",
-        type=finite_float,
-        nargs="+",
-        action=_Rotate,
-        metavar=("YAW", "PITCH ROLL"),
+        type=_angles,
+        metavar="YAW [PITCH ROLL]",
         help="turn the map by degrees about +y (counter-clockwise from above), +x and +z, after --convention and"
         " --mirror (default: 0 0 0)",
     )
 
 
-class _Rotate(argparse.Action):
-    """A yaw, or a yaw, a pitch and a roll."""
-
-    def __call__(self, parser, namespace, values, option_string=None) -> None:  # type: ignore[no-untyped-def]
-        if len(values) not in (1, 3):
-            parser.error(f"argument {option_string}: expected YAW or YAW PITCH ROLL, got {len(values)} numbers")
-        setattr(namespace, self.dest, values)
+def _angles(text: str) -> list[float]:
+    """Argument type: a yaw, or a yaw, a pitch and a roll, with spaces between them."""
+    values = [finite_float(word) for word in text.split()]
+    if len(values) not in (1, 3):
+        raise argparse.ArgumentTypeError(f"expected YAW or YAW PITCH ROLL, got {len(values)} numbers")
+    return values
 
 
 def map_arguments(args: argparse.Namespace) -> list[object]:
@@ -306,6 +324,12 @@ def output_folder(path: Path, images: bool = False) -> Path:
             f"cannot write into the folder {path}: {error.strerror}; choose another with --out"
         ) from error
     return path
+
+
+def output_file(path: Path) -> None:
+    """Raise :class:`LightdomeError` where a file has no folder, before work that would be for nothing."""
+    if not path.parent.is_dir():
+        raise LightdomeError(f"cannot write {path}: there is no folder {path.parent}; make it, or write into another")
 
 
 def _number(convert: type, text: str, accept: Callable[[float], bool], wanted: str) -> float:
