@@ -3,6 +3,8 @@
 The package lies in a folder of another name, so setuptools finds it by a hook that Python asks last. From the folder
 that holds the clone, and from a script there, `import lightdome` would find the clone's folder before it, as a package
 without content. So the editable wheel gets one line more, run when Python starts, that has the hook asked first.
+
+A wheel has of data/ the default map alone, and not the program that makes it.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from setuptools import setup
+from setuptools.command.build_py import build_py
 from setuptools.command.editable_wheel import editable_wheel
 
 # Files .pth are read in the order of their names: this one after setuptools' own, `__editable__.lightdome-VERSION.pth`.
@@ -39,4 +42,12 @@ class EditableFirst(editable_wheel):
                 wheel.writestr(name, content)
 
 
-setup(cmdclass={"editable_wheel": EditableFirst})
+class DataWithoutProgram(build_py):
+    """The modules of all packages, of which `lightdome.data` has none."""
+
+    def find_package_modules(self, package: str, package_dir: str) -> list[tuple[str, str, str]]:
+        """The modules of ``package``."""
+        return [] if package == "lightdome.data" else super().find_package_modules(package, package_dir)
+
+
+setup(cmdclass={"build_py": DataWithoutProgram, "editable_wheel": EditableFirst})

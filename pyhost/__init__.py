@@ -3,7 +3,7 @@
     import lightdome
 
     device = lightdome.open_device()
-    envmap = lightdome.EnvironmentMap.read("map.exr")
+    envmap = lightdome.EnvironmentMap.read(lightdome.default_map())  # or a file of yours
     distribution = lightdome.build_distribution(device, envmap)
     samples = distribution.sample(1024, seed=1)
     image = lightdome.shade_samples(device, samples, resolution=511)
@@ -56,8 +56,10 @@ if TYPE_CHECKING:
     from .lighting.lights import Lights
     from .lighting.median_cut import median_cut
     from .lighting.shade import shade, shade_samples
+    from .maps.default_map import default_map
     from .maps.envmap import EnvironmentMap
     from .maps.images import ImageRows, auto_exposure, read_image, tone_map, write_image
+    from .maps.pictures import show
     from .opencl.device import Device, open_device
     from .sampling.distribution import Distribution, build_distribution
     from .sampling.samples import Samples
@@ -70,6 +72,7 @@ _HOME = {
     "Distribution": "sampling.distribution",
     "build_distribution": "sampling.distribution",
     "EnvironmentMap": "maps.envmap",
+    "default_map": "maps.default_map",
     "LightdomeError": "errors",
     "Harmonics": "lighting.harmonics",
     "project": "lighting.harmonics",
@@ -79,6 +82,7 @@ _HOME = {
     "read_image": "maps.images",
     "tone_map": "maps.images",
     "write_image": "maps.images",
+    "show": "maps.pictures",
     "Lights": "lighting.lights",
     "write_csv": "lighting.light_files",
     "write_lights": "lighting.light_files",
@@ -103,6 +107,7 @@ __all__ = [
     "__version__",
     "auto_exposure",
     "build_distribution",
+    "default_map",
     "exact",
     "median_cut",
     "open_device",
@@ -112,6 +117,7 @@ __all__ = [
     "shade",
     "shade_harmonics",
     "shade_samples",
+    "show",
     "tone_map",
     "write_csv",
     "write_image",

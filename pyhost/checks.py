@@ -69,10 +69,10 @@ def whole(what: str, value: object, low: int, high: int) -> int:
 def wholes(what: str, values: object, low: int, high: int) -> list[int]:
     """One whole number from ``low`` to ``high``, or more, in a list or any other sequence."""
     try:
-        is_list = isinstance(values, Iterable) and not isinstance(values, str | bytes) and np.ndim(values) == 1  # type: ignore
+        is_list = not isinstance(values, str | bytes) and np.ndim(values) == 1  # type: ignore[arg-type]
     except ValueError:  # lists of different lengths
         is_list = False
-    if not is_list:
+    if not (is_list and isinstance(values, Iterable)):
         raise LightdomeError(f"{what} must be a list of whole numbers from {low} to {high}, got {told(values)}")
     result = [whole(f"each of the {what}", value, low, high) for value in values]
     if not result:
@@ -145,7 +145,7 @@ def array(
     what: str,
     value: object,
     shape: tuple[int | str, ...] | None = None,
-    dtype: DTypeLike = None,
+    dtype: DTypeLike | None = None,
     own: bool = False,
 ) -> np.ndarray:
     """An array of real numbers, of ``shape``, where a letter stands for any number, and converted to ``dtype``.
@@ -196,6 +196,13 @@ def lights(direction: object, flux: object, own: bool = False) -> tuple[np.ndarr
         n = int(np.argmin(((flux >= 0) & (flux <= BRIGHTEST)).all(axis=1)))
         raise LightdomeError(f"a flux must be from 0 to {BRIGHTEST:g}, got {told(flux[n].tolist())} (light {n})")
     return direction, flux
+
+
+def same(one: object, other: object) -> bool:
+    """Whether two objects have the same type and equal attributes, arrays by what they hold."""
+    return type(one) is type(other) and all(
+        np.array_equal(value, vars(other)[name]) for name, value in vars(one).items()
+    )
 
 
 def made(kind: type[T], **values: object) -> T:

@@ -7,6 +7,7 @@ from typing import Literal
 
 SEQUENCES = ("independent", "stratified", "sobol", "r2")  # points of samples that all pixels share
 WITHIN = ("centre", "pixel")  # where in its pixel the direction of a sample lies
+PIXELS = ("centres", "areas")  # what exact images take the map's pixels for
 PIXEL_SEQUENCES = ("independent", "sobol")  # points of samples for every pixel
 PROJECTIONS = (
     "latlong",
@@ -49,6 +50,7 @@ COMMANDS = {
     "shade": Command("part3_shade", "shade a sphere with samples that all pixels share"),
     "render": Command("part4_pbrt", "render the sphere with fresh samples for every pixel"),
     "convert": Command("convert", "write a map in another projection"),
+    "exact": Command("exact", "sum the sphere's image over every pixel of a map: what estimators converge to"),
     "lights": Command("lights", "turn a map into a few lights, as a file for another program"),
     "fresnel": Command("part1_fresnel", "plot the Fresnel reflectance of a dielectric"),
     "check": Command("check", "say whether another program's image is right, and if not, what is wrong"),

@@ -1,4 +1,4 @@
-"""``python -m lightdome.probe``: the OpenCL devices and which is taken, by :mod:`lightdome.opencl.probe`."""
+"""``python -m lightdome.probe``: one OpenCL device, in a process that may die, by :mod:`lightdome.opencl.probe`."""
 
 from .console import run
 from .opencl.probe import main

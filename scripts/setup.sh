@@ -9,7 +9,7 @@
 #
 #   .venv     is made anew if it has no pip that runs, or was moved;
 #   package   is installed again if what describes it changed, or its version;
-#   device    counts once it has compiled and run a kernel (lightdome.probe). If none does: PoCL from
+#   device    counts once it has compiled and run a kernel (lightdome devices). If none does: PoCL from
 #             its wheel (58 MB, needs no root); if that does not work or is slow here, PoCL from
 #             apt-get; and if still nothing works, Intel's runtime from PyPI (280 MB, proprietary).
 #
@@ -114,18 +114,18 @@ pip() { "$python" -m pip --quiet "$@" >"$log" 2>&1 </dev/null; }
 # Sets device, the name of the OpenCL device that works, or stops.
 find_device() {
     device_works && return 0
-    [ -z "${PYOPENCL_CTX:-}" ] || stop "PYOPENCL_CTX=$PYOPENCL_CTX: $(sed -n '$s/^probe: //; $p' "$log")"
+    [ -z "${PYOPENCL_CTX:-}" ] || stop "PYOPENCL_CTX=$PYOPENCL_CTX: $(sed -n '$s/^lightdome devices: //; $p' "$log")"
     pocl_from_wheel && [ -z "$slow" ] && return 0
     say "${device:+a faster OpenCL device: }trying the system's package pocl-opencl-icd"
     system_install pocl-opencl-icd && device_works && return 0
     [ -n "$device" ] || intel_from_pypi || fail "no OpenCL device works; $(advice pocl-opencl-icd)"
 }
 
-# Sets device, and slow to what the probe says of a device that is slow for its machine.
+# Sets device, and slow to what the list of devices says of a device that is slow for its machine.
 device_works() {
     local said
     device='' slow=''
-    said=$("$python" -m lightdome.probe 2>"$log" </dev/null) && [ -n "$said" ] || return 1
+    said=$("$python" -m lightdome devices 2>"$log" </dev/null) && [ -n "$said" ] || return 1
     device=${said%%$'\n'*}
     slow=$(sed -n 's/^note: //p' <<<"$said")
 }

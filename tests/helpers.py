@@ -98,9 +98,9 @@ def command_line(name: str, *arguments: object) -> list[str]:
 
 def module_of(name: str) -> ModuleType:
     """The module of a command, or of a program that is only a script: get_grace, get_pbrt, make_default_map."""
-    path = script_path(name)
-    if (ROOT / "pyhost" / "commands" / path.name).exists():
+    if (ROOT / "pyhost" / "commands" / f"{name}.py").exists():
         return import_module(f"lightdome.commands.{name}")
+    path = script_path(name)
     if str(path.parent) not in sys.path:
         sys.path.append(str(path.parent))
     spec = importlib.util.spec_from_file_location(f"script_{name}", path)

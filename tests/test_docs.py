@@ -39,7 +39,7 @@ CHEAP = {
 }
 
 # What runs once: the programs, and nothing that reads or writes what is there.
-BY_ITSELF = ("scripts/bench.py", "scripts/test", ".venv/bin/python -m lightdome.probe")
+BY_ITSELF = ("scripts/bench.py", "scripts/test", ".venv/bin/lightdome devices")
 
 # In place of scripts/setup.sh: the machine is set up.
 SET_UP = f"""\

@@ -159,7 +159,7 @@ def test_a_kernel_runs_in_a_bare_environment(device: Device, tmp_path: Path, giv
     """Without PATH, and with folders that cannot be used; PoCL by itself aborts on some."""
     environment = {name: os.environ[name] for name in OPENCL if name in os.environ}
     result = run(
-        *(sys.executable, "-m", "lightdome.probe"),
+        *(sys.executable, "-m", "lightdome", "devices"),
         cwd=tmp_path,
         env={**environment, "TMPDIR": "/nonexistent", **given},
     )

@@ -34,7 +34,7 @@ case "$*" in
 *'install pocl-binary-distribution') [ ! -e "$STATE/wheel" ] || touch "$STATE/device" ;;
 *'install intel-opencl-rt'*) [ ! -e "$STATE/intel" ] || touch "$STATE/device" ;;
 *'import pathlib, pyopencl'*) echo "$STATE" ;;
-'-m lightdome.probe')
+'-m lightdome devices')
     [ -e "$STATE/device" ] || exit 1
     printf 'Some device\ntaken (*): the only one\n'
     [ ! -e "$STATE/slow" ] || echo 'note: it is slow' ;;
@@ -124,7 +124,7 @@ def test_the_second_time_only_looks(machine: Machine) -> None:
     machine.set_up()
     result = machine.set_up()
     assert result.returncode == 0, result.stderr
-    assert "-m lightdome.probe" in machine.calls
+    assert "-m lightdome devices" in machine.calls
     assert "install" not in machine.calls
     assert "-m venv" not in machine.calls
 

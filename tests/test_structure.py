@@ -77,7 +77,9 @@ def test_the_package_list_is_that_of_the_folders() -> None:
     config = configparser.ConfigParser()
     config.read(ROOT / "setup.cfg")
     packages = config["options"]["packages"].split()
-    assert sorted(packages) == sorted(["lightdome", "lightdome.clkernels", *(f"lightdome.{name}" for name in FOLDERS)])
+    assert sorted(packages) == sorted(
+        ["lightdome", "lightdome.clkernels", "lightdome.data", *(f"lightdome.{name}" for name in FOLDERS)]
+    )
 
 
 def calls(path: Path) -> list[str]:
@@ -109,3 +111,19 @@ def test_no_file_of_tests_needs_another() -> None:
     assert len(paths) > 40
     for path in paths:
         assert not re.search(r"^(from|import) test_", path.read_text(encoding="utf-8"), re.MULTILINE), path.name
+
+
+def shown(path: Path) -> Iterator[str]:
+    """The strings of a module that may be part of what it prints: all but docstrings."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    prose = {node.value for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    constants = (node for node in ast.walk(tree) if isinstance(node, ast.Constant) and node not in prose)
+    yield from (node.value for node in constants if isinstance(node.value, str))
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(HOST)))
+def test_no_message_names_what_an_installed_package_has_not(path: Path) -> None:
+    own = {"scripts/"} if path.name == "cli.py" else set()  # how a script calls itself
+    for text in shown(path):
+        assert text in own or not re.search(r"scripts/|\bparts? [1-4]\b|README|CONTRIBUTING|\bdocs/", text), text
+        assert not re.search(r"\b(bench|stability|report|roofline|get_\w+)\.py\b", text), text

@@ -44,7 +44,8 @@ def main() -> None:
         nargs="+",
         default=[],
         metavar="PATH",
-        help="PBRT programs, or their folders, to measure too (default: none; --peers pbrt takes the one of part 4)",
+        help="PBRT programs, or their folders, to measure too (default: none; --peers pbrt takes that of lightdome"
+        " render)",
     )
     parser.add_argument(
         "--spp", type=cli.positive_int, nargs="+", default=[8, 16, 32, 64], metavar="N", help="samples per pixel"
@@ -134,8 +135,8 @@ def run(args: argparse.Namespace) -> None:
             f"{100 * p.bias:>9.3f}{1e3 * p.wall_seconds:>10.2f}"
         )
     print("\ncheapest method measured")
-    for error in metrics.LEVELS:
-        best = metrics.cheapest(points, error)
-        found = f"{best.method} {best.count}, {1e3 * best.wall_seconds:.1f} ms" if best else "none"
-        print(f"  for {100 * error:4.1f} %: {found}")
+    for level in metrics.LEVELS:
+        best = metrics.cheapest(points, level)
+        said = f"{best.method} {best.count}, {1e3 * best.wall_seconds:.1f} ms" if best else "none"
+        print(f"  for {100 * level:4.1f} %: {said}")
     print(f"\nwrote {out}/bench.csv, bench.json, error_time.png, error_count.png, stages.png, images.png")

@@ -8,15 +8,18 @@ itself exits with 2 on a wrong command line. Defects of lightdome keep their tra
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
+import os
 import sys
 import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..errors import LightdomeError, exactly
 from ..files import utf8_name
+from ..maps.default_map import default_map
 from ..names import COMMANDS, CONVENTIONS, PROJECTIONS
 
 if TYPE_CHECKING:
@@ -25,6 +28,9 @@ if TYPE_CHECKING:
     from ..decisions import Decision
     from ..maps.envmap import EnvironmentMap
     from ..opencl.device import Device
+
+LINEAR, DISPLAYED = ["pfm", "exr"], ["ppm", "png"]  # formats of images, of radiance and of 8-bit values
+FORMATS = ["pfm", "ppm", "png"]
 
 
 class _Help(argparse.HelpFormatter):
@@ -41,17 +47,27 @@ class _Help(argparse.HelpFormatter):
         return "\n\n".join(super(_Help, self)._fill_text(part, width, indent) for part in text.split("\n\n"))
 
 
-class _Parser(argparse.ArgumentParser):
-    """Gives ``--rotate`` the numbers that follow it, and leaves it to others what comes after them, as a map."""
+class Parser(argparse.ArgumentParser):
+    """Gives ``--rotate`` the numbers that follow it and no map, and completes a command line where a shell asks."""
+
+    def parse_args(self, *arguments: Any, **options: Any) -> argparse.Namespace:  # type: ignore[override]
+        """As usual, unless a shell asks, and argcomplete is installed: then print its answer and exit."""
+        if "_ARGCOMPLETE" in os.environ:
+            with contextlib.suppress(ImportError):
+                import argcomplete
+
+                argcomplete.autocomplete(self)
+        return super().parse_args(*arguments, **options)
 
     def parse_known_args(self, args=None, namespace=None):  # type: ignore[no-untyped-def, override]
-        result: list[str] = []
+        """As usual, but ``--rotate 1 2 3`` counts as one word, which :func:`_angles` takes apart."""
+        words: list[str] = []
         for word in sys.argv[1:] if args is None else args:
-            if result and result[-1].partition("=")[0] == "--rotate" and _is_number(word):
-                result[-1] += f" {word}" if "=" in result[-1] else f"={word}"
+            if words and words[-1].partition("=")[0] == "--rotate" and _is_number(word):
+                words[-1] += f" {word}" if "=" in words[-1] else f"={word}"
             else:
-                result.append(word)
-        return super().parse_known_args(result, namespace)
+                words.append(word)
+        return super().parse_known_args(words, namespace)
 
 
 def _is_number(text: str) -> bool:
@@ -67,7 +83,7 @@ def parser(description: str, example: str, out: str | None = None) -> argparse.A
 
     The first paragraph of ``description`` is the purpose in one line; ``example`` holds the arguments of one.
     """
-    result = _Parser(
+    result = Parser(
         prog=Path(sys.argv[0]).name,
         description=description,
         epilog=f"example: {program()} {example}".rstrip(),
@@ -91,9 +107,9 @@ def _is_script() -> bool:
 
 
 def _data_folder() -> Path:
-    """``data/`` beside the folder of the script that runs, else beside the package, where a clone has it."""
+    """``data/`` beside the folder of the script that runs, else that of the map that ships."""
     of_script = Path(sys.argv[0]).resolve().parent.parent / "data"
-    return of_script if _is_script() and of_script.is_dir() else Path(__file__).resolve().parents[2] / "data"
+    return of_script if _is_script() and of_script.is_dir() else default_map().parent
 
 
 def map_options(parser: argparse.ArgumentParser, positional: bool = False) -> None:
@@ -296,8 +312,17 @@ def sphere_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def tone_options(parser: argparse.ArgumentParser) -> None:
-    """Add ``--gamma`` and ``--exposure``, which only the pictures for the eye use."""
+def image_options(parser: argparse.ArgumentParser) -> None:
+    """Add ``--format``, and ``--gamma`` and ``--exposure``, which only the pictures for the eye use."""
+    parser.add_argument(
+        "--format",
+        nargs="+",
+        choices=LINEAR + DISPLAYED,
+        default=FORMATS,
+        metavar="FORMAT",
+        help=f"formats of the images: {' and '.join(LINEAR)} hold linear radiance, {' and '.join(DISPLAYED)} are for"
+        " the eye",
+    )
     parser.add_argument("--gamma", type=positive_float, default=2.2, help="gamma of the .ppm and .png files")
     parser.add_argument(
         "--exposure",
@@ -306,6 +331,25 @@ def tone_options(parser: argparse.ArgumentParser) -> None:
         metavar="FACTOR",
         help="factor on the radiance in the .ppm and .png files, or auto: the 95th percentile becomes white",
     )
+
+
+def write_images(args: argparse.Namespace, path: Path, pixels: np.ndarray) -> list[str]:
+    """Write ``pixels`` in those formats of ``--format`` that hold them, radiance or 8-bit; the names of the files.
+
+    ``path`` is without a suffix.
+    """
+    from ..maps.images import write_image
+
+    formats = LINEAR if pixels.dtype.kind == "f" else DISPLAYED
+    names = [f"{path.name}.{name}" for name in formats if name in args.format]
+    for name in names:
+        write_image(path.with_name(name), pixels)
+    return names
+
+
+def formats(args: argparse.Namespace) -> str:
+    """The suffixes of ``--format``, as they follow a file's name in what a command says."""
+    return ", ".join(f".{name}" for name in dict.fromkeys(args.format))
 
 
 def output_folder(path: Path, images: bool = False) -> Path:

@@ -13,7 +13,7 @@ def main() -> None:
     parser = cli.parser(
         "Write an environment map in another projection, or for another program.\n\n"
         "Each pixel of the result is the mean of the map over it: the flux is kept, and so are the place and the energy"
-        " of a light that is smaller than a pixel. docs/projections.md shows which way each projection looks.",
+        " of a light that is smaller than a pixel. The documentation shows which way each projection looks.",
         "map.exr probe.exr --to angular",
     )
     cli.map_options(parser, positional=True)

@@ -151,8 +151,9 @@ def lines(path: Path, analysis: Analysis) -> Iterator[str]:
         yield _rgb(label, getattr(analysis, f"irradiance_{side}_rgb_radiance_sr"))
 
     yield "concentration"
-    if analysis.mean_direction_azimuth_degrees is not None:
-        angles = _angles(analysis.mean_direction_azimuth_degrees, analysis.mean_direction_elevation_degrees)
+    azimuth, elevation = analysis.mean_direction_azimuth_degrees, analysis.mean_direction_elevation_degrees
+    if azimuth is not None and elevation is not None:
+        angles = _angles(azimuth, elevation)
         yield _line("mean towards", f"{angles}, length {analysis.mean_direction_length:.2f} of 1")
     shares = [analysis.flux_share_of_1_pixel, analysis.flux_share_of_10_pixels, analysis.flux_share_of_100_pixels]
     percent = ", ".join(f"{100 * share:.3g} %" for share in shares)

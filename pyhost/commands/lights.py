@@ -61,6 +61,8 @@ def make(device: Device, envmap: EnvironmentMap, method: str, count: int, seed: 
 
 def sun_and_cut(device: Device, envmap: EnvironmentMap, count: int) -> Lights:
     """The sun as the first light, and what is left of the map by median cut."""
+    import numpy as np
+
     from ..lighting.lights import Lights
     from ..maps.analysis import split_sun
 
@@ -70,8 +72,8 @@ def sun_and_cut(device: Device, envmap: EnvironmentMap, count: int) -> Lights:
     if split.rest.peak == 0:
         raise LightdomeError("there is nothing but the sun in the map; use --method median-cut")
     rest = cut(device, split.rest, count - 1)
-    direction = [split.sun.direction_xyz, *rest.direction]
-    return Lights(direction, [split.sun.flux_rgb_radiance_sr, *rest.flux])
+    direction = np.array([split.sun.direction_xyz, *rest.direction])
+    return Lights(direction, np.array([split.sun.flux_rgb_radiance_sr, *rest.flux]))
 
 
 def cut(device: Device, envmap: EnvironmentMap, count: int) -> Lights:

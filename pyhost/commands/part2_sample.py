@@ -22,7 +22,8 @@ BYTES_PER_PIXEL = 50  # of the map in the host's memory, at the peak: map, CDFs,
 def main() -> None:
     parser = cli.parser(
         "Draw directions from an environment map with probability proportional to luminance x sin(theta).\n\n"
-        "Writes samples_N.npz, and em_N.pfm, em_N.ppm and em_N.png: the map with a square on each pixel drawn."
+        "Writes samples_N.npz, and em_N.pfm, em_N.ppm and em_N.png, or --format: the map with a square on each pixel"
+        " drawn."
         " settings.json says what made them.",
         "--counts 64 256 --seed 1",
         "out/part2",
@@ -54,7 +55,7 @@ def main() -> None:
         action="store_true",
         help="write samples_N.npz and no pictures; the map is never held, so that it may be larger than the memory",
     )
-    cli.tone_options(parser)
+    cli.image_options(parser)
     cli.device_option(parser)
     cli.explain_option(parser)
     args = parser.parse_args()
@@ -119,7 +120,7 @@ def write_samples(args: Namespace, out: Path, image: ImageRows, device: Device) 
 
 
 def write_samples_and_pictures(args: Namespace, out: Path, device: Device) -> None:
-    from ..maps.images import auto_exposure, tone_map, write_image
+    from ..maps.images import auto_exposure, tone_map
     from ..maps.markers import mark_pixels
     from ..sampling.distribution import build_distribution
     from . import settings
@@ -132,18 +133,17 @@ def write_samples_and_pictures(args: Namespace, out: Path, device: Device) -> No
 
     names = []
     for count in args.counts:
+        em, name = out / f"em_{count}", f"samples_{count}.npz"
         samples = distribution.sample(count, seed=args.seed, sequence=args.sequence, within=args.within)
-        samples.save(out / f"samples_{count}.npz")
+        samples.save(out / name)
 
         marked = envmap.radiance.copy()
         mark_pixels(marked, samples.pixel, args.marker, (0, 0, 1))
-        write_image(out / f"em_{count}.pfm", marked)
+        images = cli.write_images(args, em, marked)
         marked = picture.copy()
         mark_pixels(marked, samples.pixel, args.marker, (0, 0, 255))
-        for suffix in ("ppm", "png"):
-            write_image(out / f"em_{count}.{suffix}", marked)
-        names += [f"samples_{count}.npz", *(f"em_{count}.{suffix}" for suffix in ("pfm", "ppm", "png"))]
-        print(f"wrote {out}/samples_{count}.npz and em_{count}.pfm, .ppm, .png")
+        names += [name, *images, *cli.write_images(args, em, marked)]
+        print(f"wrote {out}/{name} and {em.name}{cli.formats(args)}")
         cli.explain(args, f"{count} samples", device.decisions.take())
     settings.write(out, settings.settings(device, envmap, vars(args)), names)
     print(cli.tone(args, exposure))

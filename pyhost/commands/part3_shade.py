@@ -11,14 +11,16 @@ from . import cli
 def main() -> None:
     parser = cli.parser(
         "Shade a diffuse sphere with sets of light samples, each set shared by all pixels.\n\n"
-        "Writes sphere_N.pfm (linear radiance), sphere_N.ppm and sphere_N.png for a set of N samples."
+        "Writes sphere_N.pfm (linear radiance), sphere_N.ppm and sphere_N.png for a set of N samples, or --format."
         " settings.json says what made them.",
         "out/part2/samples_*.npz",
         "out/part3",
     )
-    parser.add_argument("samples", type=Path, nargs="+", metavar="SAMPLES.npz", help="files that part 2 wrote")
+    parser.add_argument(
+        "samples", type=Path, nargs="+", metavar="SAMPLES.npz", help="files that lightdome sample wrote"
+    )
     cli.sphere_options(parser)
-    cli.tone_options(parser)
+    cli.image_options(parser)
     cli.device_option(parser)
     cli.explain_option(parser)
     args = parser.parse_args()
@@ -34,24 +36,21 @@ def main() -> None:
     out = cli.output_folder(args.out, images=True)
 
     from ..lighting.shade import shade_samples
-    from ..maps.images import auto_exposure, tone_map, write_image
+    from ..maps.images import auto_exposure, tone_map
     from . import settings
 
     device = cli.open_device(args)
-    exposure, lines = args.exposure, []
+    exposure, lines, names = args.exposure, [], []
     # The largest set first: it knows best how bright the sphere is, and one exposure serves all.
     for count, samples in sorted(sets.items(), reverse=True):
         image = shade_samples(device, samples, args.resolution, args.albedo)
         exposure = exposure or auto_exposure(image)
-        write_image(out / f"sphere_{count}.pfm", image)
-        picture = tone_map(image, exposure, args.gamma)
-        for suffix in ("ppm", "png"):
-            write_image(out / f"sphere_{count}.{suffix}", picture)
-        lines.append((f"wrote {out}/sphere_{count}.pfm, .ppm, .png", count, device.decisions.take()))
+        for pixels in image, tone_map(image, exposure, args.gamma):
+            names += cli.write_images(args, out / f"sphere_{count}", pixels)
+        lines.append((f"wrote {out}/sphere_{count}{cli.formats(args)}", count, device.decisions.take()))
     for line, count, decisions in reversed(lines):
         print(line)
         cli.explain(args, f"{count} samples", decisions)
-    names = [f"sphere_{count}.{suffix}" for count in sets for suffix in ("pfm", "ppm", "png")]
     inputs = {path.name: settings.file_sum(path) for path in args.samples}
     settings.write(out, settings.settings(device, None, vars(args)) | {"inputs": inputs}, names)
     print(cli.tone(args, exposure))

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import LightdomeError, exactly
+from ..names import ESTIMATORS, PIXEL_SEQUENCES, WITHIN
 from . import cli
 
 if TYPE_CHECKING:
@@ -24,8 +25,8 @@ def parse_arguments() -> argparse.Namespace:
     """The command line."""
     parser = cli.parser(
         "Render a diffuse sphere under an environment map with fresh samples for every pixel.\n\n"
-        "Writes sphere_Nspp.pfm (linear radiance), sphere_Nspp.ppm and sphere_Nspp.png for N samples per pixel, and the"
-        " scenes for PBRT-v3 and PBRT-v4 into the folder pbrt. settings.json says what made the images.",
+        "Writes sphere_Nspp.pfm (linear radiance), sphere_Nspp.ppm and sphere_Nspp.png, or --format, for N samples per"
+        " pixel, and the scenes for PBRT-v3 and PBRT-v4 into the folder pbrt. settings.json says what made the images.",
         example="--spp 16 64 --seed 1",
         out="out/part4",
     )
@@ -37,20 +38,26 @@ def parse_arguments() -> argparse.Namespace:
         "--renderer",
         choices=["auto", "pbrt", "opencl"],
         default="auto",
-        help="auto: pbrt if there is one, else opencl",
+        help="auto: pbrt if there is one and no option is given that it has not, else opencl",
     )
+    for name, choices, default, what in (
+        ("estimator", ESTIMATORS, "light", "how a pixel uses its samples"),
+        ("sequence", PIXEL_SEQUENCES, PIXEL_SEQUENCES[0], "the points that samples are made of"),
+        ("within", WITHIN, "centre, for bsdf and mis pixel", "where in a pixel of the map directions lie"),
+    ):
+        parser.add_argument(f"--{name}", choices=choices, help=f"{what}, for --renderer opencl (default: {default})")
     parser.add_argument(
         "--pbrt",
         type=Path,
         metavar="PATH",
-        help="the program pbrt, pbrt-r4 or pbrt-r3, or its folder (default: from PATH, else what scripts/get_pbrt.py"
-        " installed)",
+        help="the program pbrt, pbrt-r4 or pbrt-r3, or its folder (default: from PATH, else a pbrt-r4 in"
+        " lightdome's cache)",
     )
     parser.add_argument(
         "--seed", type=cli.seed, default=0, help="seed of the samples, a whole number; PBRT-v3 and pbrt-r3 have none"
     )
     cli.sphere_options(parser)
-    cli.tone_options(parser)
+    cli.image_options(parser)
     cli.device_option(parser)
     cli.explain_option(parser)
     args = parser.parse_args()
@@ -58,6 +65,14 @@ def parse_arguments() -> argparse.Namespace:
         parser.error("--pbrt is for --renderer pbrt or auto")
     if args.renderer == "pbrt" and args.device:
         parser.error("--device is for --renderer opencl or auto")
+    for name in ("estimator", "sequence", "within"):
+        if getattr(args, name):
+            if args.renderer == "pbrt" or args.pbrt:
+                parser.error(f"--{name} is for --renderer opencl")
+            args.renderer = "opencl"
+    args.estimator, args.sequence = args.estimator or "light", args.sequence or PIXEL_SEQUENCES[0]
+    if args.within == "centre" and ESTIMATORS[args.estimator].pixels == "areas":
+        parser.error(f"--estimator {args.estimator} has --within pixel alone")
     if args.albedo > 1 and (args.renderer == "pbrt" or args.pbrt):
         parser.error(f"PBRT's albedo must be from 0 to 1, got {exactly(args.albedo)}; use --renderer opencl")
     return args
@@ -70,7 +85,16 @@ def with_opencl(args: argparse.Namespace, envmap: EnvironmentMap, device: Device
 
     distribution = build_distribution(device, envmap)
     cli.explain(args, "the map", device.decisions.take())
-    yield from render(distribution, args.spp, args.resolution, args.albedo, args.seed)
+    yield from render(
+        distribution,
+        args.spp,
+        args.resolution,
+        args.albedo,
+        args.seed,
+        args.estimator,
+        args.sequence,
+        within=args.within,
+    )
     # An image of more samples continues the one of fewer.
     cli.explain(args, f"{', '.join(map(str, sorted(set(args.spp))))} spp", device.decisions.take())
     cli.explain_kernels(args, device)
@@ -83,7 +107,7 @@ def main() -> None:
     envmap = cli.load_map(args)
 
     from .. import pbrt
-    from ..maps.images import auto_exposure, tone_map, write_image
+    from ..maps.images import auto_exposure, tone_map
     from ..pbrt.check import deviation
     from . import settings
 
@@ -115,12 +139,11 @@ def main() -> None:
     else:
         device = cli.open_device(args)
         images = with_opencl(args, envmap, device)
-    done = {}
+    done, names = {}, []
     for spp, image in images:
-        write_image(out / f"sphere_{spp}spp.pfm", image)
+        names += cli.write_images(args, out / f"sphere_{spp}spp", image)
         done[spp] = image
-        where = deviation(image, envmap, args.albedo) if program else None
-        if where:
+        if program and (where := deviation(image, envmap, args.albedo)):
             print(
                 f"note: {program.name}'s image of {spp} spp differs from the sphere under this map: {where}",
                 file=sys.stderr,
@@ -128,15 +151,12 @@ def main() -> None:
     # The image of most samples knows best how bright the sphere is, and one exposure serves all.
     exposure = args.exposure or auto_exposure(done[max(done)])
     for spp, image in done.items():
-        picture = tone_map(image, exposure, args.gamma)
-        for suffix in ("ppm", "png"):
-            write_image(out / f"sphere_{spp}spp.{suffix}", picture)
-        print(f"wrote {out}/sphere_{spp}spp.pfm, .ppm, .png")
+        names += cli.write_images(args, out / f"sphere_{spp}spp", tone_map(image, exposure, args.gamma))
+        print(f"wrote {out}/sphere_{spp}spp{cli.formats(args)}")
     if program:
         for scene in scenes:
             if scene.version == program.version:
                 cli.explain(args, f"{scene.spp} spp", pbrt.decisions(program, scene))
-    names = [f"sphere_{spp}spp.{suffix}" for spp in done for suffix in ("pfm", "ppm", "png")]
     made_with = settings.settings(device, envmap, vars(args)) | {"pbrt": program and program.name}
     settings.write(out, made_with, names)
     print(cli.tone(args, exposure))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from importlib import import_module
 
 from .. import __version__
 from ..console import run
 from ..names import COMMANDS
+from . import cli
 
 
 def main() -> None:
@@ -17,7 +19,7 @@ def main() -> None:
 
 
 def _command() -> None:
-    parser = argparse.ArgumentParser(
+    parser = cli.Parser(
         prog="lightdome",
         usage="%(prog)s COMMAND [OPTION]...",
         description="Image-based lighting with OpenCL: sample an environment map, shade with it, measure the error.",
@@ -28,6 +30,18 @@ def _command() -> None:
     )
     parser.add_argument("--version", action="version", version=f"lightdome {__version__}")
     parser.add_argument("command", choices=COMMANDS, metavar="COMMAND", help="what to do, see below")
-    name = parser.parse_args(sys.argv[1:2]).command
+    name = _to_complete() or parser.parse_args(sys.argv[1:2]).command
     sys.argv[:2] = [f"lightdome {name}"]  # what messages and the command's own parser call themselves
     import_module(f".{COMMANDS[name].module}", __package__).main()
+
+
+def _to_complete() -> str | None:
+    """The command whose options a shell asks for, if one does; it is the program then, for argcomplete."""
+    line = os.environ.get("COMP_LINE", "")[: int(os.environ.get("COMP_POINT", 0))]
+    first = int(os.environ.get("_ARGCOMPLETE", 0))  # 1 where the program is the first word
+    words = line.split()
+    goes_on = len(words) > first + 1 or (len(words) == first + 1 and line[-1].isspace())
+    if not first or not goes_on or words[first] not in COMMANDS:
+        return None
+    os.environ["_ARGCOMPLETE"] = str(first + 1)
+    return words[first]

@@ -8,7 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .. import __version__
 from . import cli
@@ -27,7 +27,7 @@ class Runs:
         self.out = out
         self._run = run or run_command
         self.folders: dict[str, Path] = {}
-        self.settings: dict[str, dict] = {}
+        self.settings: dict[str, dict[str, Any]] = {}
 
     def need(self, name: str, command: str, record: str, wanted: Mapping[str, object], *options: object) -> None:
         """Find the results ``name`` whose settings are as ``wanted``, or run ``command`` with ``options`` for them."""
@@ -68,16 +68,16 @@ def run_command(command: str, *options: object) -> int:
 def main() -> None:
     parser = cli.parser(
         "Write report.pdf, typeset, and lightdome-report.zip with it and every .pfm and .ppm.\n\n"
-        "Results of parts 1 to 4, bench.py and stability.py are taken from the folders part1 to part4, bench and"
-        " stability beside DIR if they are of this map and version; the others are run, into DIR, and measure numpy,"
-        " Mitsuba and PBRT too where they are there. All of it afresh takes about half an hour on two cores with"
+        "Results of fresnel, sample, shade, render, bench and stability are taken from the folders part1 to part4,"
+        " bench and stability beside DIR if they are of this map and version; the others are run, into DIR, and measure"
+        " numpy, Mitsuba and PBRT too where they are there. All of it afresh takes about half an hour on two cores with"
         " Mitsuba and PBRT, and less without.",
         "--quick",
         "out/report",
     )
     cli.map_options(parser)
     parser.add_argument(
-        "--pbrt", type=Path, metavar="PATH", help="the program pbrt or its folder (default: as in part 4)"
+        "--pbrt", type=Path, metavar="PATH", help="the program pbrt or its folder (default: as lightdome render)"
     )
     parser.add_argument("--quick", action="store_true", help="smaller images, fewer counts and cases: some minutes")
     cli.device_option(parser)
@@ -113,17 +113,20 @@ def need_all(runs: Runs, args: argparse.Namespace, envmap: EnvironmentMap) -> No
     on_map = [*cli.map_arguments(args), *on_device]
     quick = ["--quick"] if args.quick else []
     sphere = {"resolution": 255 if args.quick else 511, "albedo": 1.0}
+    estimator = {"estimator": "light", "sequence": "independent", "within": None}
     with_pbrt = {"pbrt": str(args.pbrt)} if args.pbrt else {}
 
     runs.need("part1", "fresnel", settings.NAME, of_version | {"options": {"eta": 1.4}})
-    options: dict[str, object] = {"counts": COUNTS}
+    shown = {"format": cli.FORMATS}
+    options: dict[str, object] = {"counts": COUNTS, **shown}
     runs.need("part2", "sample", settings.NAME, of_map | {"options": options}, "--counts", *COUNTS, *on_map)
     names = [f"samples_{n}.npz" for n in COUNTS]
     runs.need(
         "part3",
         "shade",
         settings.NAME,
-        of_version | {"options": sphere, "inputs": {name: runs.settings["part2"]["files"][name] for name in names}},
+        of_version
+        | {"options": sphere | shown, "inputs": {name: runs.settings["part2"]["files"][name] for name in names}},
         *(runs.folders["part2"] / name for name in names),
         *("--resolution", sphere["resolution"], *on_device),
     )
@@ -131,7 +134,7 @@ def need_all(runs: Runs, args: argparse.Namespace, envmap: EnvironmentMap) -> No
         "part4",
         "render",
         settings.NAME,
-        of_map | {"options": {"spp": SPP, **sphere, **with_pbrt}},
+        of_map | {"options": {"spp": SPP, **sphere, **shown, **estimator, **with_pbrt}},
         *("--spp", *SPP, "--resolution", sphere["resolution"], *on_map),
         *(["--pbrt", args.pbrt] if args.pbrt else []),
     )

@@ -88,11 +88,11 @@ def run(
     heads = f"{'stage':<18}{'map':>13}{'image':>6}{'N':>9}{'ms':>11}{'spread':>9}{'M per second':>20}"
     print(f"\n{heads}{'share of its limit':>22}")
     for p in points:
-        size = f"{p.width} x {p.height}" if p.width else ""
+        of_map = f"{p.width} x {p.height}" if p.width else ""
         least = p.counted == "least"
         share = f"{100 * p.bound_share:.1f} % {p.bound}" if least else f"{p.bound_share:.2f} x brute force"
         print(
-            f"{p.stage:<18}{size:>13}{p.resolution or '':>6}{p.N or '':>9}{1e3 * p.seconds:>11.3f}"
+            f"{p.stage:<18}{of_map:>13}{p.resolution or '':>6}{p.N or '':>9}{1e3 * p.seconds:>11.3f}"
             f"{1e3 * p.spread:>9.3f}{1e-6 * p.rate:>12.1f} {p.unit:<7}{share:>22}"
         )
     print(f"\nwrote {out}/roofline.csv, roofline.json, roofline.png, roofline_scaling.png")

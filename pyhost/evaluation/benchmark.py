@@ -119,7 +119,8 @@ def methods(device: Device, envmap: EnvironmentMap, resolution: int) -> dict[str
     run = per_pixel("mis", "sobol", True)
     result.append(Method("mis-compensated-sobol", "per pixel", run, pixels=ESTIMATORS["mis"].pixels, device=device))
     result.append(Method("harmonics", "order", harmonics, random=False, counts=ORDERS, device=device))
-    for name, pixels in (("exact", "centres"), ("exact-areas", "areas")):
+    whole_maps: tuple[tuple[str, Literal["centres", "areas"]], ...] = ("exact", "centres"), ("exact-areas", "areas")
+    for name, pixels in whole_maps:
         run = partial(whole, pixels)
         result.append(Method(name, "order", run, random=False, counts=(1,), pixels=pixels, device=device))
     return {method.name: method for method in result}

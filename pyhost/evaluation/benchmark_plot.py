@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import cycle
+from typing import Any
 
 import numpy as np
 
@@ -34,7 +35,7 @@ def _by_method(points: Sequence[MethodMeasurement]) -> dict[str, list[MethodMeas
     return {name: sorted(of_it, key=lambda m: m.count) for name, of_it in result.items()}
 
 
-def _style(index: int, point: MethodMeasurement) -> dict[str, object]:
+def _style(index: int, point: MethodMeasurement) -> dict[str, Any]:
     return {
         "color": COLOURS[index % len(COLOURS)],
         "marker": MARKERS[index % len(MARKERS)],

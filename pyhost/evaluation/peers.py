@@ -22,6 +22,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -62,7 +63,8 @@ def find(names: Sequence[str], envmap: EnvironmentMap, resolution: int = 511, pb
     if "mitsuba" in names:
         _find_mitsuba(peers, envmap, resolution)
     if "pbrt" in names:
-        for path in pbrt or [None]:
+        programs: Sequence[str | Path | None] = pbrt or [None]
+        for path in programs:
             _find_pbrt(peers, envmap, resolution, path)
     return peers
 
@@ -77,7 +79,7 @@ def _method(name: str, kind: str, run: Timed, resolution: int, random: bool = Tr
         stages.update(seconds)
         return image
 
-    pixels = "areas" if areas else "centres"
+    pixels: Literal["centres", "areas"] = "areas" if areas else "centres"
     return Method(name, kind, timed, random=random, pixels=pixels, peer=True, clock=lambda: dict(stages))
 
 

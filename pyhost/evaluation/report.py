@@ -348,7 +348,7 @@ def _table(program: str, cases: Sequence[Mapping[str, Any]], goals: Mapping[str,
         for name, column in columns.items():
             value = float(case["figures"][name]) if name in case["figures"] else None
             misses = value is not None and not value <= column["goal"]
-            shade = to_hex(stability_plot.colour(value, column["goal"]))
+            shade = to_hex(tuple(stability_plot.colour(value, column["goal"])))
             cells.append({"text": stability.text(value), "fill": shade, "dark": misses})
         note = "" if case["verdict"] in ("holds", "measured") else case["verdict"]
         rows.append({"group": case["group"], "case": case["case"], "note": note, "cells": cells})

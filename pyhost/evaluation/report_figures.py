@@ -150,5 +150,5 @@ def for_a_column(figure: Figure, height: float) -> Figure:
     """A plot of the benchmark, ``height`` inches high, for the width of a text; its read-outs are a table there."""
     figure.set_size_inches(7.6, height)
     if legend := figure.axes[0].get_legend():
-        legend.set_title(None)
+        legend.set_title("")
     return figure

@@ -22,7 +22,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -34,7 +34,6 @@ from .roofline_stages import MADE, PAIR, Stage
 
 if TYPE_CHECKING:
     from ..opencl.device import Device
-    from ..opencl.signature import Argument
 
 COPY_BYTES = tuple(2**k for k in (21, 23, 25, 27, 29))  # read and written together: from a cache to main memory
 COPY_BLOCK = 2048  # vectors of 4 floats that a work-item of a CPU copies
@@ -181,7 +180,7 @@ def _warm_median(run: Callable[[], float]) -> float:
     return statistics.median(run() for _ in range(LIMIT_REPEATS))
 
 
-def _seconds(device: Device, name: str, size: tuple[int, ...], defines: dict[str, int], **arguments: Argument) -> float:
+def _seconds(device: Device, name: str, size: tuple[int, ...], defines: dict[str, int], **arguments: Any) -> float:
     """Run one kernel: its seconds on the device, whose profile has nothing else then."""
     device.profile.clear()
     device.launch(name, size, stage="limit", defines=defines, **arguments)
@@ -270,16 +269,16 @@ def lines(points: Sequence[StageMeasurement], axis: str) -> dict[str, list[Stage
 
     Along ``map`` these are those of maps that were made for it. Of several lines of a stage, the longest is taken.
     """
-    found: dict[tuple[object, ...], list[StageMeasurement]] = {}
+    found: dict[tuple[str, tuple[object, ...]], list[StageMeasurement]] = {}
     for p in points:
         if extent(p, axis) and (axis != "map" or p.map == MADE):
-            rest = [(p.map, p.map_pixels), p.resolution, p.N]
+            rest: list[object] = [(p.map, p.map_pixels), p.resolution, p.N]
             rest[AXES.index(axis)] = None
-            found.setdefault((p.stage, *rest), []).append(p)
+            found.setdefault((p.stage, tuple(rest)), []).append(p)
     result: dict[str, list[StageMeasurement]] = {}
-    for key, line in found.items():
-        if len(line) > max(1, len(result.get(key[0], ()))):
-            result[key[0]] = sorted(line, key=lambda p: extent(p, axis))
+    for (stage, _), line in found.items():
+        if len(line) > max(1, len(result.get(stage, ()))):
+            result[stage] = sorted(line, key=lambda p: extent(p, axis) or 0)
     return result
 
 
@@ -292,7 +291,7 @@ def exponents(points: Sequence[StageMeasurement]) -> dict[str, dict[str, float |
     """The exponents of time by axis and stage."""
     return {
         axis: {
-            name: exponent([extent(p, axis) for p in line], [p.seconds for p in line])
+            name: exponent([extent(p, axis) or 0 for p in line], [p.seconds for p in line])
             for name, line in lines(points, axis).items()
         }
         for axis in AXES

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,7 @@ SHAPES = [*MARKERS, "d", (4, 1, 0)]
 AXIS_LABELS = {"map": "pixels of the map", "resolution": "pixels of the image", "N": "N, samples or lights"}
 
 
-def _styles(points: Sequence[StageMeasurement]) -> dict[str, dict[str, object]]:
+def _styles(points: Sequence[StageMeasurement]) -> dict[str, dict[str, Any]]:
     """A colour and a marker for each stage, the same in all pictures; markers tell stages apart in grey."""
     names = list(dict.fromkeys(p.stage for p in points))
     return {
@@ -48,7 +49,7 @@ def roofline(points: Sequence[StageMeasurement], limits: Limits, title: str) -> 
 
     intensity = [p.operations / p.bytes for p in points]
     x = np.geomspace(min(intensity) / 2, max(intensity) * 8, 200)
-    for size, dash in (max(limits.copies, key=limits.copies.get), "--"), (max(limits.copies), "-"):
+    for size, dash in (max(limits.copies, key=lambda size: limits.copies[size]), "--"), (max(limits.copies), "-"):
         said = f"copy of {size >> 20} MiB: {1e-9 * limits.copies[size]:.3g} GB/s"
         axes.plot(x, np.minimum(limits.copies[size] * x, limits.multiply_adds), dash, color="black", label=said)
     axes.plot([], [], " ", label=f"multiply-adds: {1e-9 * limits.multiply_adds:.3g} G/s")
@@ -95,9 +96,10 @@ def scaling(points: Sequence[StageMeasurement], title: str) -> Figure:
     figure.suptitle(title, x=0.01, ha="left")
     grid = figure.subplots(3, len(AXES), squeeze=False, height_ratios=(3, 3, 1.6))
     for axis, (times, memories, legend) in zip(AXES, grid.T, strict=True):
-        handles, ticks = [], {}
+        handles: list[Line2D] = []
+        ticks: dict[float, str] = {}
         for name, line in lines(points, axis).items():
-            sizes = [extent(p, axis) for p in line]
+            sizes = [extent(p, axis) or 0 for p in line]
             ticks |= {size: _tick(p, axis) for size, p in zip(sizes, line, strict=True)}
             times.plot(sizes, [1e3 * p.seconds for p in line], **styles[name])
             known = [(s, p.peak_bytes / 2**20) for s, p in zip(sizes, line, strict=True) if p.peak_bytes]

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -101,7 +102,7 @@ class MapStages:
         """The distribution that all stages share."""
         return build_distribution(self.device, self.envmap)
 
-    def _stage(self, name: str, run: Callable[[], object], work: Work, **fields: object) -> Stage:
+    def _stage(self, name: str, run: Callable[[], object], work: Work, **fields: Any) -> Stage:
         return Stage(name, run, work, map=self.name, map_shape=self.envmap.radiance.shape[:2], **fields)
 
     def tables(self) -> Iterator[Stage]:
@@ -165,10 +166,10 @@ class MapStages:
                 image + 16 * min(count, self.pixels), ESTIMATORS[estimator].operations * count, count, "samples"
             )
 
-            def run(estimator: str = estimator) -> None:
+            def all_spp(estimator: str = estimator) -> None:
                 list(render(self.distribution, [SPP], resolution, estimator=estimator, sequence="sobol"))
 
-            yield self._stage(estimator, run, work, resolution=resolution, N=SPP)
+            yield self._stage(estimator, all_spp, work, resolution=resolution, N=SPP)
 
 
 def shading(device: Device, distribution: Distribution, N: int, resolution: int) -> Iterator[Stage]:

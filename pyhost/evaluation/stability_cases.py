@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -43,7 +44,11 @@ def log_normal(sigma: float, height: int = HEIGHT, width: int = WIDTH) -> Map:
     return np.exp(np.random.default_rng(1).normal(0, sigma, (height, width, 3))).astype(np.float32)
 
 
-def lit_at(places: Sequence[tuple[object, object]], light: object = 1.0, ground: float = 0.0) -> list[Map]:
+def log_normals(sigmas: Sequence[float]) -> list[Map]:
+    return [log_normal(sigma) for sigma in sigmas]
+
+
+def lit_at(places: Sequence[tuple[Any, Any]], light: object = 1.0, ground: float = 0.0) -> list[Map]:
     """A map for each place: pixel, or slices of rows and columns, with ``light`` on an even ground."""
     maps = [even(value=ground) for _ in places]
     for radiance, (y, x) in zip(maps, places, strict=True):
@@ -130,11 +135,13 @@ def ends(maps: Maps, device: Device, _: int) -> Iterator[Figures]:
             points.append(np.stack([u, np.full_like(u, _edges(marginal)[y] - 1)], axis=1))
         u = np.concatenate(points)
         samples = distribution.sample_at(u / 2.0**32)
-        y = np.searchsorted(marginal, u[:, 1] * int(marginal[-1]) >> 32, side="right")
-        x = [np.searchsorted(cdf[j], v * int(cdf[j, -1]) >> 32, side="right") for j, v in zip(y, u[:, 0], strict=True)]
-        p = reference.probability(radiance)[y, x]
+        rows = np.searchsorted(marginal, u[:, 1] * int(marginal[-1]) >> 32, side="right")
+        x = [
+            np.searchsorted(cdf[j], v * int(cdf[j, -1]) >> 32, side="right") for j, v in zip(rows, u[:, 0], strict=True)
+        ]
+        p = reference.probability(radiance)[rows, x]
         yield {
-            "wrong": float(np.count_nonzero((samples.pixel != np.stack([x, y], axis=1)).any(axis=1))),
+            "wrong": float(np.count_nonzero((samples.pixel != np.stack([x, rows], axis=1)).any(axis=1))),
             "zero": float(np.count_nonzero(~samples.radiance.any(axis=1))),
             "p": float(np.abs(samples.probability / p - 1).max()),
             "nonfinite": float(np.count_nonzero(~np.isfinite(samples.probability))),
@@ -319,7 +326,10 @@ def reflectance(*etas: float) -> Callable[[Device, int], Iterator[Figures]]:
             at_90 = fresnel(RIGHT_ANGLE, n_i, n_t)
             yield {
                 "fresnel": error,
-                "wrong": float(np.count_nonzero((values < 0) | (values > 1)) + (at_90 != (float(n_i != n_t),) * 2)),
+                "wrong": float(
+                    np.count_nonzero((values < 0) | (values > 1))
+                    + (tuple(map(float, at_90)) != (float(n_i != n_t),) * 2)
+                ),
                 "nonfinite": float(np.count_nonzero(~np.isfinite(values))),
             }
 
@@ -355,7 +365,7 @@ CASES: list[Case] = [
     _maps("bright pixel", "two suns, 1e10 apart in strength", two_suns),
     _maps("ramps", "80 orders of magnitude, column to column", partial(ramps, 1)),
     _maps("ramps", "80 orders of magnitude, row to row", partial(ramps, 0)),
-    *(_maps("ramps", f"log-normal noise, sigma {sigma}", lambda s=sigma: [log_normal(s)]) for sigma in (1, 2, 4, 6, 8)),
+    *(_maps("ramps", f"log-normal noise, sigma {sigma}", partial(log_normals, [sigma])) for sigma in (1, 2, 4, 6, 8)),
     _maps("zeros", "a single lit pixel, 9 places", partial(lit_at, PLACES)),
     _maps("zeros", "all zero but the last pixel, 1e-30", partial(lit_at, [(-1, -1)], 1e-30)),
     _maps("zeros", "a single lit row", partial(lit_at, [(y, slice(None)) for y in (0, 31, 63)])),

@@ -62,15 +62,15 @@ def _together(*values: Array) -> None:
 
 def _indices(n_i: ArrayLike, n_t: ArrayLike) -> tuple[Array, Array]:
     """Both indices, checked, and divided by one power of two: only their ratio matters."""
-    n_i, n_t = (checks.array("a refractive index", n, None, np.float64) for n in (n_i, n_t))
-    for name, n in (("n_i", n_i), ("n_t", n_t)):
+    i, t = (checks.array("a refractive index", n, None, np.float64) for n in (n_i, n_t))
+    for name, n in (("n_i", i), ("n_t", t)):
         _all_in(n, np.isfinite(n) & (n > 0), f"the refractive index {name}", "must be finite and above 0")
-    _together(n_i, n_t)
-    exponent = np.frexp(np.maximum(n_i, n_t))[1]
-    n_i, n_t = np.ldexp(n_i, -exponent), np.ldexp(n_t, -exponent)
-    if not np.all((n_i > 0) & (n_t > 0)):
+    _together(i, t)
+    exponent = np.frexp(np.maximum(i, t))[1]
+    i, t = np.ldexp(i, -exponent), np.ldexp(t, -exponent)
+    if not np.all((i > 0) & (t > 0)):
         raise LightdomeError("the refractive indices n_i and n_t are too far apart: their ratio must be above 5e-324")
-    return n_i, n_t
+    return i, t
 
 
 def _pair(n_i: float, n_t: float) -> tuple[float, float]:
@@ -237,7 +237,7 @@ def schlick_error(n_i: float, n_t: float) -> SchlickError:
         rows = np.arange(len(fine))
         low, high = fine[rows, np.maximum(best - 1, 0)], fine[rows, np.minimum(best + 1, 16)]
 
-    thin_side = fine.flat[np.argmax(error(fine))]
+    thin_side = np.asarray(fine.flat[np.argmax(error(fine))])
     theta = float(incidence(thin_side))
     return SchlickError(theta, float(schlick(theta, r0)), float(unpolarised(thin_side, thin, dense)))
 

@@ -13,6 +13,7 @@ No pyplot: figures are plain objects, no window opens, and no state is left behi
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -61,7 +62,7 @@ def _label(
 ) -> None:
     """Mark ``point``, and write ``text`` ``at`` another, with an arrow from ``relpos`` of its box; data coordinates."""
     arrow = {"arrowstyle": "-|>", "color": BLACK, "linewidth": 0.9, "shrinkA": 2, "shrinkB": 3, "relpos": relpos}
-    look = {"ha": align, "va": "center", "fontsize": 10.5, "linespacing": 1.35, "zorder": 6}
+    look: dict[str, Any] = {"ha": align, "va": "center", "fontsize": 10.5, "linespacing": 1.35, "zorder": 6}
     ax.annotate(text, point, at, arrowprops=arrow, **look)
     ax.plot(*point, "o", color=BLACK, markersize=5, clip_on=False, zorder=7)
 
@@ -136,7 +137,7 @@ def _label_critical_angle(ax: Axes, critical: float | None, more: str = "") -> N
     _label_beside(ax, f"critical angle {_degrees(critical)}{more}", (start, 1), 0.87)
     if start < 73:
         # Up here, where Schlick's curve comes last. Below the label of a critical angle that is not to the left.
-        look = {"ha": "center", "va": "center", "fontsize": 10.5, "linespacing": 1.35}
+        look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 10.5, "linespacing": 1.35}
         ax.text((start + 90) / 2, 0.87 if start > 45 else 0.65, "total internal\nreflection", **look)
 
 
@@ -195,7 +196,7 @@ def schlick_figure(n_i: float, n_t: float, from_name: str = "side i", to_name: s
             mended = schlick(np.nan_to_num(refraction_angle(theta, n_i, n_t), nan=RIGHT_ANGLE), r0)
             curves.append((x, mended))
             differences.append((x, mended - exact))
-        lines = [
+        lines: list[tuple[str, dict[str, Any]]] = [
             (name, {"color": VERMILLION, "linestyle": "--", "linewidth": 2.2}),
             ("Schlick, transmitted angle", {"color": BLUE, "linestyle": (0, (1.2, 1.2)), "linewidth": 2.6}),
         ]

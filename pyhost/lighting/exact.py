@@ -6,7 +6,7 @@ The conventions of camera and image are those of :mod:`lightdome.lighting.shade`
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,9 +15,9 @@ from ..cache import key_of, remembered
 from ..disc import check_resolution, disc_tiles, note_tiles
 from ..float_range import to_float32
 from ..maps.envmap import EnvironmentMap
+from ..names import PIXELS
 from ..opencl import memory
 from ..opencl.device import Device
-from ..opencl.signature import Argument
 from ..progress import Progress
 from ..sampling.device_map import DeviceMap
 from .horizon import LEAST_SHAPE, area_moments, horizon_tables
@@ -26,7 +26,6 @@ ARCS_ROWS = 64  # that are added in single precision; the sum over bands is in d
 ARCS_BYTES = 2**22  # prefix sums of a band of map rows that the image is summed from: about a second-level cache
 # Part of the key of kept images: change it when the camera or a map's orientation changes.
 CONVENTION = "row 0 up, phi from +x to +z, camera along -z"
-PIXELS = ("centres", "areas")
 KERNELS = {"centres": "lighting/exact", "areas": "lighting/exact_areas"}  # that add up the arcs of rows
 
 
@@ -108,7 +107,7 @@ def exact(
                 first=first,
                 arcs=arcs,
             )
-            of_rows: dict[str, Argument]
+            of_rows: dict[str, Any]
             if half_arc is None:
                 tables = horizon_tables(resolution, height, width, first, count)
                 bounds, start, polynomials = (memory.upload(device, table) for table in tables)

@@ -35,12 +35,12 @@ TERMS_PER_LAUNCH = 2**33  # pixels x coefficients, a second or so
 SEPARATE_CHANNELS = "separate channels", "harmonics of grey maps are computed as those in colour"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Harmonics:
     """Radiance of a map up to ``order``: ``coefficients`` is ((order + 1)^2, 3) float64, L_lm in row l^2 + l + m.
 
     It is read-only. ``Harmonics(coefficients)`` copies it and raises :class:`LightdomeError` for another shape, and for
-    values that are not finite.
+    values that are not finite. Harmonics are equal where their coefficients are; they cannot be hashed.
     """
 
     coefficients: np.ndarray
@@ -55,6 +55,12 @@ class Harmonics:
                 f"coefficients of harmonics must be at most {checks.BRIGHTEST:g}, got larger ones or NaN"
             )
         object.__setattr__(self, "coefficients", coefficients)
+
+    def __eq__(self, other: object) -> bool:
+        return checks.same(self, other)
+
+    def __repr__(self) -> str:
+        return f"<Harmonics: order {self.order}>"
 
     @property
     def order(self) -> int:

@@ -8,16 +8,27 @@ other programs. Directions are those of the project: +y is up,
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import overload
 
 import numpy as np
 
 from .. import checks
+from ..maps.pictures import show_directions
 from ..maps.rotation import rotation_matrix
 from ..sampling.samples import Samples
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class Light:
+    """One of :class:`Lights`: ``direction`` and ``flux``, (3,) both."""
+
+    direction: np.ndarray
+    flux: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Lights:
     """N directional lights.
 
@@ -27,6 +38,10 @@ class Lights:
     A surface with normal n receives the irradiance sum of flux max(0, n . direction). The arrays are read-only.
     ``Lights(direction, flux)`` copies them and raises :class:`LightdomeError` for directions that are no unit
     vectors, and for fluxes that are negative or not finite.
+
+    ``lights[3]`` is a :class:`Light`, and iteration yields them. ``lights[:5]``, or an array of indices or of truth
+    values, gives Lights whose fluxes stay as they are. Lights are equal where all of their content is; they cannot be
+    hashed.
     """
 
     direction: np.ndarray
@@ -39,6 +54,29 @@ class Lights:
 
     def __len__(self) -> int:
         return len(self.direction)
+
+    @overload
+    def __getitem__(self, index: int) -> Light: ...
+    @overload
+    def __getitem__(self, index: slice | np.ndarray) -> Lights: ...
+    def __getitem__(self, index: int | slice | np.ndarray) -> Light | Lights:
+        direction, flux = self.direction[index], self.flux[index]
+        if not isinstance(index, slice | np.ndarray):
+            return Light(direction, flux)
+        return checks.made(Lights, direction=np.ascontiguousarray(direction), flux=np.ascontiguousarray(flux))
+
+    def __iter__(self) -> Iterator[Light]:
+        return map(Light, self.direction, self.flux)
+
+    def __eq__(self, other: object) -> bool:
+        return checks.same(self, other)
+
+    def __repr__(self) -> str:
+        flux = " ".join(f"{value:.4g}" for value in self.flux.sum(axis=0))
+        return f"<Lights: {len(self)}, flux {flux} in all>"
+
+    def _repr_png_(self) -> bytes:
+        return show_directions(self.direction, self.flux)._repr_png_()
 
     @classmethod
     def of(cls, samples: Samples) -> Lights:

@@ -8,7 +8,7 @@ convex, so visibility is 1 and no ray is traced. Kernels: ``shade_tiles.cl`` wit
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from ..maps.envmap import EnvironmentMap
 from ..maps.geometry import solid_angles
 from ..opencl import memory
 from ..opencl.device import Device
-from ..opencl.signature import Argument
 from ..sampling.samples import Samples
 from .exact import exact
 
@@ -69,11 +68,12 @@ def shade(
         raise LightdomeError(
             f"lights have a flux of their own, got {checks.told(flux)} as another; name what follows, as resolution=255"
         )
-    if flux is None:
-        if not has_lights:
-            raise LightdomeError(f"expected lights, or directions and fluxes, got {checks.told(direction)} alone")
-        direction, flux = direction.direction, direction.flux
-    return _shade(device, *checks.lights(direction, flux), resolution, albedo, brute_force)
+    if flux is None and not has_lights:
+        raise LightdomeError(f"expected lights, or directions and fluxes, got {checks.told(direction)} alone")
+    of_lights = checks.lights(
+        *(getattr(direction, name) for name in ("direction", "flux")) if has_lights else (direction, flux)
+    )
+    return _shade(device, *of_lights, resolution, albedo, brute_force)
 
 
 def _shade(
@@ -104,7 +104,7 @@ def _shade(
     if brute_force or device.is_gpu:
         pixels, rows = device.vector_width, 1
         kernel, defines = "lighting/shade", {"WIDTH": pixels, "ROWS": rows, **defines}
-        lights: dict[str, Argument] = {"lights": memory.upload(device, light), "light_count": len(light)}
+        lights: dict[str, Any] = {"lights": memory.upload(device, light), "light_count": len(light)}
         why = "it was asked for" if brute_force else "a GPU has one work-item per pixel"
         device.decisions.use("brute force over pairs of pixel and light", why)
     else:
@@ -131,7 +131,7 @@ def _shade(
     return to_float32(result, exponent) if exponent else result
 
 
-def _grouped(device: Device, light: np.ndarray, defines: dict[str, int]) -> dict[str, Argument]:
+def _grouped(device: Device, light: np.ndarray, defines: dict[str, int]) -> dict[str, Any]:
     """Lights (N, 6), grey ones (N, 4), as ``shade_tiles.cl`` takes them: sorted, with groups' bounds and matrices."""
     order = np.argsort(_places(light[:, :3]), kind="stable")  # the same image from every numpy
     count = -(-len(light) // LANES) * LANES

@@ -7,8 +7,9 @@ from importlib import import_module
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
-    from .analysis import analyse, split_sun  # noqa: F401
-    from .conversion import convert  # noqa: F401
+    from .analysis import analyse as analyse
+    from .analysis import split_sun as split_sun
+    from .conversion import convert as convert
 else:
 
     def __getattr__(name: str) -> object:

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -174,7 +175,7 @@ def split_sun(envmap: EnvironmentMap) -> SplitSun:
     """
     checks.instance("the map", envmap, EnvironmentMap)
     analysis, region = _examined(_Map.of(envmap, None, False))
-    if analysis.sun is None:
+    if analysis.sun is None or region is None:
         raise LightdomeError(f"the map has no sun to split off: {analysis.no_sun_reason}")
     sun, rest = np.zeros_like(envmap.radiance), envmap.radiance.copy()
     phi = column_angles(envmap.width)
@@ -197,7 +198,7 @@ class _Map:
         self.inspection = self._fresh_inspection()
 
     @classmethod
-    def of(cls, source: object, layer: str | None, flip: bool) -> _Map:
+    def of(cls, source: Any, layer: str | None, flip: bool) -> _Map:
         if isinstance(source, EnvironmentMap):
             return cls(source.height, source.width, None, source.radiance)
         if not isinstance(source, np.ndarray):
@@ -206,7 +207,8 @@ class _Map:
         radiance = checks.array("the map", source, ("H", "W", 3), np.float32)
         if 0 in radiance.shape:
             raise LightdomeError(f"the map must have at least one pixel, got shape {radiance.shape}")
-        return cls(*radiance.shape[:2], None, radiance)
+        height, width, _ = radiance.shape
+        return cls(height, width, None, radiance)
 
     def _fresh_inspection(self) -> Inspection:
         is_half = self._rows is not None and self._rows.largest == LARGEST_HALF
@@ -234,7 +236,8 @@ class _Map:
         """
         self.inspection = self._fresh_inspection()
         everything = np.arange(self.height)
-        batches = self._rows.read(everything) if self._rows else [(everything, self._radiance)]
+        in_memory = [] if self._radiance is None else [(everything, self._radiance)]
+        batches = self._rows.read(everything) if self._rows else in_memory
         most, done = max(1, BLOCK_PIXELS // self.width), 0
         with Progress(label) as progress:
             for rows, pixels in batches:
@@ -458,7 +461,7 @@ def _examined(of: _Map) -> tuple[Analysis, Region | None]:
     return analysis, region
 
 
-def _triple(values: np.ndarray) -> tuple[float, float, float]:
+def _triple(values: np.ndarray) -> Any:
     return tuple(values.tolist())
 
 

@@ -20,6 +20,7 @@ from .conventions import yaw_between
 from .conversion import check_fits, convert, detected
 from .geometry import row_angles
 from .images import ImageRows, read_image
+from .pictures import show
 from .projections import PROJECTIONS
 from .resample import resample
 from .rotation import rotation_matrix, whole_columns
@@ -56,7 +57,7 @@ class Replaced:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class EnvironmentMap:
     """Radiance by direction: ``radiance`` is (H, W, 3) float32, finite, 0 or above, and read-only.
 
@@ -65,6 +66,8 @@ class EnvironmentMap:
     ``"black"``, or True, makes each bad value 0; ``"clamp"`` makes infinite ones the largest finite value of the
     array's type, 65504 for half floats, and others 0. ``notes`` are remarks on the file that :meth:`read` read: the
     layer it took, a factor in the header that it divided out, ...
+
+    Maps are equal where their radiance is, whatever file it came in; they cannot be hashed.
     """
 
     radiance: np.ndarray
@@ -75,6 +78,15 @@ class EnvironmentMap:
     def __init__(self, radiance: np.ndarray, *, sanitize: bool | str = False, name: str = "the map") -> None:
         inspection = Inspection(sanitize, largest_of(radiance))
         self._take(checks.array(name, radiance, ("H", "W", 3), np.float32, own=True), inspection, name)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, EnvironmentMap) and np.array_equal(self.radiance, other.radiance)
+
+    def __repr__(self) -> str:
+        return f"<EnvironmentMap: {self.width} x {self.height}, radiance up to {self.peak:.4g}>"
+
+    def _repr_png_(self) -> bytes:
+        return show(self.radiance)._repr_png_()
 
     @classmethod
     def read(

@@ -53,7 +53,7 @@ def _source(path: Path, file: oiio.ImageInput, name: str | None) -> ImageSource:
     luminance = _luminance_weights(path, spec) if layer.is_chroma else None
     columns = (spec.x, spec.x + spec.width)
 
-    def read_channels(first: int, end: int, begin: int, stop: int, kind: object) -> np.ndarray:
+    def read_channels(first: int, end: int, begin: int, stop: int, kind: oiio.BASETYPE) -> np.ndarray:
         lines = (spec.y + first, spec.y + end)
         if spec.tile_width:
             pixels = file.read_tiles(*columns, *lines, 0, 1, begin, stop, kind)

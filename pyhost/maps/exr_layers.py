@@ -142,7 +142,7 @@ def find_layers(parts: Sequence[Part]) -> list[Layer]:
         for own, place in channels.items():
             lower.setdefault(own.lower(), place)
         colours = [(channels, RGB), *((lower, names) for names in (*RGB_IN_ANY_CASE, CHROMA))]
-        colour = next((tuple(map(of.get, names)) for of, names in colours if of.keys() >= set(names)), ())
+        colour = next((tuple(of[name] for name in names) for of, names in colours if of.keys() >= set(names)), ())
         is_grey = "y" in lower and not {"x", "ry", "by"} & lower.keys()
         result.append(
             Layer(

@@ -105,7 +105,9 @@ class ImageRows:
         last = self.height - 1
         if self.flip:
             read = self._read(last - rows[::-1].astype(np.int64))
-            batches = ((last - batch[::-1], pixels[::-1]) for batch, pixels in read)
+            batches: Iterator[tuple[np.ndarray, np.ndarray]] = (
+                (last - batch[::-1], pixels[::-1]) for batch, pixels in read
+            )
         else:
             batches = self._read(rows)
         if self._columns is None:
@@ -272,7 +274,7 @@ def write_image(path: str | Path, pixels: np.ndarray, *, is_cube: bool = False) 
         if suffix == ".pfm":  # OpenImageIO before 3.2 scrambles those larger than 64 MiB
             with temporary.open("wb") as stream:
                 stream.write(b"PF\n%d %d\n-1.0000\n" % (width, height))
-                stream.write(np.ascontiguousarray(pixels[::-1], "<f4"))
+                stream.write(np.ascontiguousarray(pixels[::-1], "<f4").data)
             return
         name = utf8_name(temporary)
         file = oiio.ImageOutput.create(name)

@@ -75,7 +75,7 @@ def resample(
         raise LightdomeError("a rotation must be an orthogonal matrix, whose columns are perpendicular unit vectors")
     if (source.name, radiance.shape[:2]) == (target.name, tuple(shape)) and (turn == np.eye(3)).all():
         return radiance.astype(np.float32)
-    return _resampled(radiance, _Grid(source, radiance.shape[:2]), _Grid(target, tuple(shape)), turn)
+    return _resampled(radiance, _Grid(source, (len(radiance), radiance.shape[1])), _Grid(target, shape), turn)
 
 
 class _Grid:

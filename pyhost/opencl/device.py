@@ -37,7 +37,7 @@ from .rates import Rates
 
 PROBE_SECONDS = 60.0
 FAILURE_SECONDS = 86400.0  # for which a failure is remembered where another device works
-FASTER = "apt-get install pocl-opencl-icd, or see Devices in the README"
+INSTALL = "apt-get install pocl-opencl-icd, pip install 'lightdome[pocl]', or your GPU's driver"
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,9 @@ class Device:
     rates: Rates
     profile: Profile = field(default_factory=Profile)
     decisions: Decisions = field(default_factory=Decisions)
+
+    def __repr__(self) -> str:
+        return f"<Device: {self.description}, {1e-9 * self.rates.multiply_adds:.0f} G multiply-adds a second>"
 
     @property
     def description(self) -> str:
@@ -129,41 +132,56 @@ def open_device(choice: str | None = None) -> Device:
             f"the OpenCL device {asked!r} does not compile and run kernels ({failures}); choose another with --device"
         )
     raise LightdomeError(
-        f"no OpenCL device works here{f' ({failures})' if failures else ''}; run scripts/demo, which sets one up, or:"
-        " apt-get install pocl-opencl-icd"
+        f"no OpenCL device works here{f' ({failures})' if failures else ''}; for one that does: {INSTALL}"
     )
 
 
-def survey() -> str:
-    """All devices: first the one that is taken, alone on its line, then why, then a table of what they do.
+@dataclass(frozen=True)
+class Surveyed:
+    """A device of :func:`survey`: its indices as ``--device`` takes them, and its rates, or why it fails."""
+
+    choice: str
+    description: str
+    is_taken: bool
+    rates: Rates | None
+    failure: str
+
+    @property
+    def note(self) -> str | None:
+        """:attr:`Device.note`."""
+        return _slow(self.rates) if self.rates else None
+
+    def to_dict(self) -> dict[str, object]:
+        """For JSON, with units in the names."""
+        rates = self.rates and {
+            "multiply_adds_per_second": self.rates.multiply_adds,
+            "copied_bytes_per_second": self.rates.copies,
+            "frame_seconds": self.rates.frame_seconds,
+            "numpy_multiply_adds_per_second": self.rates.numpy,
+        }
+        return {
+            "device": self.choice,
+            "description": self.description,
+            "is_taken": self.is_taken,
+            "failure": self.failure or None,
+            "rates": rates,
+            "note": self.note,
+        }
+
+
+def survey() -> list[Surveyed]:
+    """All devices, one of which is taken.
 
     Devices that failed are tried again. Raises :class:`LightdomeError` as :func:`open_device` does.
     """
     taken = open_device().handle
-    trials = _tried(_candidates(), again=True)
-    asked = os.environ.get("PYOPENCL_CTX")
-    working = sum(trial.rates is not None for trial in trials)
-    why = f"PYOPENCL_CTX={asked} names it" if asked else "the only one" if working == 1 else f"the fastest of {working}"
-    lines = [
-        _description(taken),
-        f"taken (*): {why}",
-        "",
-        f"  {'device':<8}{'multiply-adds':>14}{'copies':>12}{'frame':>10}",
-    ]
-    for trial in trials:
-        candidate, rates = trial.candidate, trial.rates
-        name = f"{'*' if candidate.handle == taken else ' '} {candidate.platform}:{candidate.index}"
-        does = f"  fails: {trial.failure}"
-        if rates:
-            does = (
-                f"{1e-9 * rates.multiply_adds:>10.0f} G/s{1e-9 * rates.copies:>7.0f} GB/s"
-                f"{1e3 * rates.frame_seconds:>7.1f} ms"
-            )
-        lines.append(f"{name:<10}{does}  {_description(candidate.handle)}")
-    for rates in (trial.rates for trial in trials if trial.candidate.handle == taken and trial.rates):
-        lines.append(f"  {'numpy':<8}{1e-9 * rates.numpy:>10.0f} G/s")
-        lines += filter(None, [_slow(rates)])
-    return "\n".join(lines)
+    result = []
+    for trial in _tried(_candidates(), again=True):
+        found = trial.candidate
+        is_taken = found.handle == taken
+        choice = f"{found.platform}:{found.index}"
+        result.append(Surveyed(choice, _description(found.handle), is_taken, trial.rates, trial.failure))
+    return result
 
 
 @dataclass(frozen=True)
@@ -306,7 +324,7 @@ def _slow(rates: Rates) -> str | None:
         return None
     return (
         f"note: this OpenCL device does {1e-9 * rates.multiply_adds:.0f} G multiply-adds a second, less than a third of"
-        f" numpy's {1e-9 * rates.numpy:.0f} G; for a faster one: {FASTER}"
+        f" numpy's {1e-9 * rates.numpy:.0f} G; for a faster one: {INSTALL}"
     )
 
 

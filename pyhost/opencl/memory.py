@@ -101,7 +101,7 @@ def full(device: Device, shape: int | tuple[int, ...], value: float, dtype: type
     """An array of the one ``value``."""
     array = empty(device, shape, dtype)
     size = math.prod(array.shape) * array.dtype.itemsize
-    pattern = array.dtype.type(value) if value else np.uint8(0)  # PoCL is several times quicker with single bytes
+    pattern = np.array(value, array.dtype if value else np.uint8)  # PoCL is several times quicker with single bytes
     event = cl.enqueue_fill_buffer(device.queue, array.buffer, pattern, 0, size)
     device.profile.record("clear", event, array)
     return array

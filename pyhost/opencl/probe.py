@@ -6,8 +6,7 @@ aborts the process. So a device counts only after this, in a process that may di
     python -m lightdome.probe PLATFORM DEVICE
 
 compiles and runs a kernel on the device of these indices, prints its :class:`lightdome.opencl.rates.Rates` as JSON
-and exits with 0, or says in one line why it fails and exits with 1. Without indices it tries every device, each in a
-process of its own, and prints which is taken and why, then all of them; it exits with 1 if none works.
+and exits with 0, or says in one line why it fails and exits with 1.
 """
 
 from __future__ import annotations
@@ -34,24 +33,16 @@ kernel void probe(global float *a)
 
 
 def main() -> None:
-    """Probe the device that the command line names, or all devices."""
+    """Probe the device that the command line names."""
     parser = argparse.ArgumentParser(
         prog="python -m lightdome.probe",
-        usage="%(prog)s [-h] [PLATFORM DEVICE]",
-        description="List all OpenCL devices, what they do and which one is taken; or test whether the one at these"
-        " indices runs a kernel, and print its rates as JSON.",
+        description="Test whether the OpenCL device at these indices runs a kernel, and print its rates as JSON."
+        " To list all devices: lightdome devices.",
     )
-    parser.add_argument("platform", type=int, nargs="?", metavar="PLATFORM", help="index of the platform, from 0")
-    parser.add_argument("device", type=int, nargs="?", metavar="DEVICE", help="index of the device in it, from 0")
+    parser.add_argument("platform", type=int, metavar="PLATFORM", help="index of the platform, from 0")
+    parser.add_argument("device", type=int, metavar="DEVICE", help="index of the device in it, from 0")
     args = parser.parse_args()
-    if args.platform is None:
-        from .device import survey
-
-        print(survey())
-    elif args.device is None:
-        parser.error("expected the index of a device too")
-    else:
-        print(json.dumps(probe(args.platform, args.device).to_json()))
+    print(json.dumps(probe(args.platform, args.device).to_json()))
 
 
 def probe(platform: int, device: int) -> Rates:

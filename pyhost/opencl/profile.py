@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from typing import Any
 
 import pyopencl as cl
 
@@ -35,8 +36,8 @@ class Profile:
         event.wait()
         del kept  # not before
         # Much quicker than event.profile.end.
-        end, start = map(event.get_profiling_info, (cl.profiling_info.END, cl.profiling_info.START))
-        self._nanoseconds[stage] = self._nanoseconds.get(stage, 0) + end - start
+        times: list[Any] = [event.get_profiling_info(time) for time in (cl.profiling_info.END, cl.profiling_info.START)]
+        self._nanoseconds[stage] = self._nanoseconds.get(stage, 0) + times[0] - times[1]
 
     def seconds(self) -> dict[str, float]:
         """The device time of each stage in seconds; waits for what is still running."""

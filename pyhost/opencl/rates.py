@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 import pyopencl as cl
@@ -117,10 +118,11 @@ def measure(context: cl.Context) -> Rates:
     fused, plain = (16 * chains * STEPS * items / s for s in _on_device(multiply_add(1), multiply_add(0)))
     source, target = (room(COPY_BYTES // 2) for _ in range(2))
     for array in (source, target):  # touches all pages
-        cl.enqueue_fill_buffer(queue, array.buffer, np.float32(1), 0, COPY_BYTES // 2)
+        cl.enqueue_fill_buffer(queue, array.buffer, np.ones(1, np.float32), 0, COPY_BYTES // 2)
     copy, count = programs.kernel("limits/copy", VECTORS=block), COPY_BYTES // 2 // (16 * block)
     launch = programs.kernel("limits/launch")
-    (copy_seconds,) = _on_device(lambda: copy(queue, (count,), local, **{"from": source, "to": target}))
+    arguments: dict[str, Any] = {"from": source, "to": target}  # a word of Python's
+    (copy_seconds,) = _on_device(lambda: copy(queue, (count,), local, **arguments))
     return Rates(
         fused=fused,
         plain=plain,

@@ -24,7 +24,7 @@ _SIZES = {"char": 1, "short": 2, "int": 4, "long": 8}  # bytes
 _INTEGERS = {
     f"{sign}{name}": np.dtype(f"{sign}int{8 * size}").type for name, size in _SIZES.items() for sign in ("", "u")
 }
-_TYPES = {"float": np.float32, "double": np.float64, **_INTEGERS}
+_TYPES: dict[str, type[np.generic]] = {"float": np.float32, "double": np.float64, **_INTEGERS}
 _LIMITS = {np.dtype(kind): (int(np.iinfo(kind).min), int(np.iinfo(kind).max)) for kind in _INTEGERS.values()}
 _TYPE = re.compile(r"([a-z]+?)(2|3|4|8|16)?")
 _QUALIFIERS = {"const", "restrict", "volatile", "global", "constant", "__global", "__constant"}

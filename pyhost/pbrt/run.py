@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import io
 import logging
 import os
 import re
@@ -24,7 +25,6 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 
@@ -40,7 +40,7 @@ from .scenes import IMAGE_SUFFIX, VERSIONS, Scene, sampler_name
 PORTS = {"pbrt-r4": 4, "pbrt-r3": 3}
 NAMES = ("pbrt", *PORTS)  # in the order in which they are looked for
 ELSE = "or render with --renderer opencl"
-GET = "scripts/get_pbrt.py"
+GET = "cargo install pbrt-r4 --locked --no-default-features"
 # When a render is given up: when its progress bar has not moved for STILL seconds plus ten times its longest step so
 # far. Until there is a bar: after STILL seconds plus about ten times the expected time.
 STILL = 60.0
@@ -106,7 +106,7 @@ def find_pbrt(path: str | Path | None = None, timeout: float = 20.0) -> Pbrt:
         said.append((code, text))
         if re.search(r"\brs_pbrt\b", text):
             raise LightdomeError(
-                f"{program} is rs_pbrt, which writes 8-bit pictures only; {GET} installs a port that writes radiance"
+                f"{program} is rs_pbrt, which writes 8-bit pictures only; a port that writes radiance: {GET}"
             )
         if port := re.search(r"^(pbrt-r[34]) (?:version )?(\d[\w.]*)", text, re.MULTILINE):
             return Pbrt(program, PORTS[port[1]], f"{port[1]} {port[2]}")
@@ -135,7 +135,7 @@ def _locate(path: Path | None) -> Path:
             return port
         if found := _unusable(folders):
             return found
-        raise LightdomeError(f"no PBRT on PATH; install one with {GET}, name one with --pbrt, {ELSE}")
+        raise LightdomeError(f"no PBRT on PATH; install one ({GET}), name one with --pbrt, {ELSE}")
     path = path.expanduser()
     if path.is_dir():
         folders = str(path.absolute())
@@ -228,8 +228,8 @@ def render_scene(
         if code != 0:
             raise LightdomeError(f"{pbrt} {_ending(code)}; it said: {_gist(text)}; {by_hand}")
         lines = _lines(text)
-        if error := next((line for line in lines if _ERROR.search(line)), None):
-            raise LightdomeError(f"{pbrt} exited with status 0 but reported an error: {_short(error)}; {by_hand}")
+        if wrong := next((line for line in lines if _ERROR.search(line)), None):
+            raise LightdomeError(f"{pbrt} exited with status 0 but reported an error: {_short(wrong)}; {by_hand}")
         for warning in dict.fromkeys(line for line in lines if _WARNING.search(line)):
             _log.warning("note: %s says: %s", pbrt.name, _short(warning))
         if not target.exists():
@@ -337,7 +337,7 @@ def _run(
         return process.returncode, _COLOUR.sub("", text)
 
 
-def _collect(stream: BinaryIO, output: bytearray) -> None:
+def _collect(stream: io.BufferedReader, output: bytearray) -> None:
     with contextlib.suppress(OSError, ValueError), stream:
         while chunk := stream.read1(4096):
             output += chunk
@@ -357,7 +357,7 @@ def _fraction_done(output: bytearray) -> float | None:
     return len(bars[-1][0]) / sum(map(len, bars[-1])) if bars else None
 
 
-def kill_session(process: subprocess.Popen) -> None:
+def kill_session(process: subprocess.Popen[bytes] | subprocess.Popen[str]) -> None:
     """End ``process``, which was started in a session of its own, and all that it started."""
     if process.poll() is not None:
         return

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -223,7 +223,7 @@ def _product_launch(
 
 
 def _in_blocks(
-    device: Device, name: str, disc: np.ndarray, defines: dict[str, int], **arguments: Argument
+    device: Device, name: str, disc: np.ndarray, defines: dict[str, int], **arguments: Any
 ) -> Callable[..., None]:
     """The kernel ``name``, a work-item for each block of the disc's pixels, given these arguments."""
     block = 1 if device.is_gpu else PIXELS_PER_BLOCK

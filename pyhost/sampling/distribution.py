@@ -23,12 +23,16 @@ from .draw import BLACK, PIXELS, Points, drawn, given_points, sequence_points
 from .samples import Samples
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Distribution:
     """p(x, y) of one map on one device; build with :func:`build_distribution`."""
 
     map: DeviceMap
     cdf: MapCDF
+
+    def __repr__(self) -> str:
+        size = f"{self.envmap.width} x {self.envmap.height}"
+        return f"<Distribution: of a {size} map, flux {self.flux:.4g}, on {self.device.description}>"
 
     @property
     def device(self) -> Device:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,6 @@ from .. import checks
 from ..opencl import memory
 from ..opencl.device import Device
 from ..opencl.memory import DeviceArray
-from ..opencl.signature import Argument
 from .cdf import MapCDF
 from .device_map import DeviceMap
 from .samples import SEQUENCES
@@ -90,17 +90,19 @@ def draw(
 ) -> None:
     """Draw a sample at each of ``points`` and write ``outputs``: all of OUTPUTS, or PIXELS; ``within`` is of WITHIN."""
     device, count = of_map.device, points.count
-    results = {"sample_radiance" if name == "radiance" else name: array for name, array in outputs.items()}
+    results: dict[str, Any] = {
+        "sample_radiance" if name == "radiance" else name: array for name, array in outputs.items()
+    }
     kernel = "sample" if "direction" in outputs else "sample_pixels"
     defines: dict[str, int] = {}
-    angles: dict[str, Argument] = {"theta": of_map.theta}
+    angles: dict[str, Any] = {"theta": of_map.theta}
     if "direction" in outputs:
         angles |= {"phi": of_map.phi, "row_versines": None}
         if within == "pixel":
             defines["WITHIN_PIXEL"] = 1
             angles["row_versines"] = of_map.row_versines
-    weights: dict[str, Argument] = {"radiance": of_map.radiance, "scale": of_map.scale}
-    guided: Mapping[str, Argument] = {}
+    weights: dict[str, Any] = {"radiance": of_map.radiance, "scale": of_map.scale}
+    guided: Mapping[str, Any] = {}
     if is_guided(count, of_map):
         many = f"{count} samples on {of_map.width} x {of_map.height} pixels are enough to pay for them"
         device.decisions.use("guide tables", many)

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any, overload
 
 import numpy as np
 
@@ -16,15 +17,27 @@ from .. import __version__, checks
 from ..errors import LightdomeError, one_line
 from ..files import replacing
 from ..maps.geometry import column_angles, directions, row_angles, solid_angles
+from ..maps.pictures import show_directions
 from ..names import SEQUENCES as SEQUENCES
 from ..names import WITHIN
 
 MAX_SAMPLES = 2**27  # what a file may hold; 44 bytes each
 MAX_INFLATION = 64  # `save` packs nothing; what others packed is far from this, but a bomb is not
 MAX_SIDE = 2**20  # of a map
+PER_SAMPLE = ("direction", "radiance", "probability", "pixel")  # arrays of samples
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """One of :class:`Samples`: ``direction`` and ``radiance`` (3,), ``probability``, and ``pixel`` (x, y)."""
+
+    direction: np.ndarray
+    radiance: np.ndarray
+    probability: float
+    pixel: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Samples:
     """N samples of an environment map of ``map_shape`` = (H, W).
 
@@ -37,6 +50,10 @@ class Samples:
 
     The arrays are read-only. ``Samples(...)`` copies them and raises :class:`LightdomeError` where they contradict
     each other.
+
+    ``samples[3]`` is a :class:`Sample`, and iteration yields them. ``samples[:64]``, or an array of indices or of
+    truth values, gives Samples: N is now 64, and so :attr:`flux` is that of a set of 64, while ``sequence`` and
+    ``seed`` stay those of the whole. Samples are equal where all of their content is; they cannot be hashed.
     """
 
     direction: np.ndarray
@@ -75,6 +92,32 @@ class Samples:
     def __len__(self) -> int:
         return len(self.probability)
 
+    @overload
+    def __getitem__(self, index: int) -> Sample: ...
+    @overload
+    def __getitem__(self, index: slice | np.ndarray) -> Samples: ...
+    def __getitem__(self, index: int | slice | np.ndarray) -> Sample | Samples:
+        if not isinstance(index, slice | np.ndarray):
+            probability = float(self.probability[index])
+            return Sample(self.direction[index], self.radiance[index], probability, self.pixel[index])
+        parts = {name: np.ascontiguousarray(getattr(self, name)[index]) for name in PER_SAMPLE}
+        if len(parts["probability"]) == 0:
+            raise LightdomeError(f"a set of samples must hold one or more, got none of {len(self)}")
+        return checks.made(Samples, **{**vars(self), **parts})
+
+    def __iter__(self) -> Iterator[Sample]:
+        return (self[n] for n in range(len(self)))
+
+    def __eq__(self, other: object) -> bool:
+        return checks.same(self, other)
+
+    def __repr__(self) -> str:
+        height, width = self.map_shape
+        return f"<Samples: {len(self)} of a {width} x {height} map, {self.sequence}, seed {self.seed}, {self.within}>"
+
+    def _repr_png_(self) -> bytes:
+        return show_directions(self.direction, self.radiance)._repr_png_()
+
     @property
     def density(self) -> np.ndarray:
         """The density per solid angle, p(x, y) / solid angle of the pixel: (N,) float64, 1 / steradian.
@@ -97,7 +140,7 @@ class Samples:
         Raises :class:`LightdomeError` where it cannot be written, and for more than 2^27, which :meth:`load` refuses.
         """
         check_count(len(self))
-        arrays = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
+        arrays: dict[str, Any] = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
         arrays["map_shape"] = np.asarray(self.map_shape, dtype=np.int32)
         arrays["seed"] = np.asarray(self.seed, dtype=np.uint64)
         with replacing(checks.path(path)) as temporary:
@@ -138,9 +181,9 @@ _KINDS = {
 }
 
 
-def _arrays(path: Path) -> dict[str, object]:
+def _arrays(path: Path) -> dict[str, Any]:
     """The arrays of an ``.npz``, each after a look at its header, so that no lie there costs memory."""
-    arrays: dict[str, object] = {}
+    arrays: dict[str, Any] = {}
     with _parsing(path):
         room = MAX_INFLATION * path.stat().st_size
         if not path.is_file():  # a pipe would be waited for

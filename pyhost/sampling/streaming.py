@@ -167,7 +167,7 @@ def _draw(
 ) -> dict[str, np.ndarray]:
     """All OUTPUTS of samples in known rows."""
     row, count = chosen.row, len(chosen.row)
-    result = {name: np.empty((count, *shape), kind) for name, (shape, kind) in OUTPUTS.items()}
+    result: dict[str, np.ndarray] = {name: np.empty((count, *shape), kind) for name, (shape, kind) in OUTPUTS.items()}
     order = np.argsort(row)
     sorted_row = row[order]
     done = 0

@@ -48,7 +48,7 @@ from lightdome.lighting.shade import shade_samples
 from lightdome.maps import convert
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import auto_exposure, read_image, write_image
-from lightdome.names import METHODS
+from lightdome.names import ESTIMATORS, METHODS
 from lightdome.opencl.device import open_device
 from lightdome.rendering.per_pixel import render
 from lightdome.sampling.distribution import build_distribution
@@ -487,6 +487,20 @@ def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
     assert_same(plain, world.base(script, "--exposure", "auto"), "*.pfm", "*.ppm", "*.png")
 
 
+@option("--format", *PICTURED)
+def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
+    plain, other = world.base(script), world.base(script, "--format", "exr", "png")
+    images = {path.removesuffix(".pfm") for path in plain.names("*.pfm")}
+    assert other.names() - other.names("*.npz") == {f"{n}.{s}" for n in images for s in ("exr", "png")} | {
+        "settings.json"
+    }
+    for name in images:
+        np.testing.assert_array_equal(other.image(f"{name}.exr"), plain.image(f"{name}.pfm"))
+    assert_same(other, plain, "*.png", "*.npz") if script == "part2_sample" else assert_same(other, plain, "*.png")
+    assert set(other.json()["files"]) == other.names() - {"settings.json"}
+    assert ".exr, .png" in other.said
+
+
 @option("--albedo", "part3_shade", "part4_pbrt")
 def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
     white, grey = world.base(script), world.base(script, "--albedo", 0.5)
@@ -682,6 +696,41 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
     assert "renderer: opencl, because: no pbrt" in part4(world).said
     with pytest.raises(LightdomeError, match="no pbrt"):
         part4(world, "--renderer", "pbrt")
+
+
+def rendered(world: World, patch: pytest.MonkeyPatch, name: str, values: dict[str, str]) -> None:
+    """An option of our own renderer: it takes part 4 there, and is refused beside a PBRT."""
+    asked = stand_in_pbrt(patch)
+    distribution = build_distribution(world.device, EnvironmentMap(world.radiance["map"]))
+    for value, estimator in values.items():
+        options = {"estimator": estimator, name: value}
+        ran = part4(world, *(word for option in options for word in (f"--{option}", options[option])))
+        ((_, expected),) = render(distribution, [1], 12, **options)
+        np.testing.assert_array_equal(ran.image("sphere_1spp.pfm"), expected)
+        assert ran.json()["options"][name] == value
+        for by_pbrt in (("--renderer", "pbrt"), ("--pbrt", "/opt/pbrt")):
+            with pytest.raises(SystemExit, match="2"):
+                part4(world, f"--{name}", value, *by_pbrt)
+    assert not asked
+
+
+@option("--estimator", "part4_pbrt")
+def _(world: World, patch: pytest.MonkeyPatch) -> None:
+    rendered(world, patch, "estimator", {name: name for name in ESTIMATORS})
+    options = part4(world, "--renderer", "opencl").json()["options"]
+    assert [options[name] for name in ("estimator", "sequence", "within")] == ["light", "independent", None]
+
+
+@option("--sequence", "part4_pbrt")
+def _(world: World, patch: pytest.MonkeyPatch) -> None:
+    rendered(world, patch, "sequence", {"independent": "light", "sobol": "mis"})
+
+
+@option("--within", "part4_pbrt")
+def _(world: World, patch: pytest.MonkeyPatch) -> None:
+    rendered(world, patch, "within", {"centre": "light", "pixel": "product"})
+    with pytest.raises(SystemExit, match="2"):
+        part4(world, "--within", "centre", "--estimator", "bsdf")
 
 
 @option("--pbrt", "part4_pbrt", "bench", "report")

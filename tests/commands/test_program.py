@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from helpers import LONG, ROOT, fails_in_one_line
-from lightdome.names import COMMANDS
+from lightdome.names import COMMANDS, ESTIMATORS
 
 pytestmark = pytest.mark.slow
 
@@ -52,3 +52,23 @@ def test_a_mistake_is_told_as_by_the_script(tmp_path: Path) -> None:
     result = run(tmp_path, "shade", "nothing.npz")
     fails_in_one_line(result, "nothing.npz")
     assert result.stderr.startswith("lightdome shade: ")
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("lightdome sa", {"sample"}),
+        ("lightdome sample", {"sample"}),
+        ("lightdome sample --out sample --sam", {"--samples-only"}),
+        ("lightdome sample --seq", {"--sequence"}),
+        ("lightdome sample --sequence s", {"stratified", "sobol"}),
+        ("lightdome render --estimator ", set(ESTIMATORS)),
+    ],
+)
+def test_a_shell_is_told_how_a_command_line_goes_on(tmp_path: Path, line: str, expected: set[str]) -> None:
+    pytest.importorskip("argcomplete", reason="needs argcomplete, of the extra [completion]")
+    answer = tmp_path / "answer"
+    asked = {"COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE": "1", "_ARGCOMPLETE_IFS": " "}
+    environment = {**os.environ, **asked, "_ARGCOMPLETE_STDOUT_FILENAME": str(answer)}
+    subprocess.run([sys.executable, "-m", "lightdome"], timeout=LONG, cwd=tmp_path, env=environment, check=True)
+    assert set(answer.read_text().split()) == expected

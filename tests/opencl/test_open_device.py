@@ -15,7 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 import pyopencl as cl
 import pytest
-from helpers import stiff_radiance
+from helpers import Script, stiff_radiance
 from lightdome.errors import LightdomeError
 from lightdome.lighting.shade import shade_samples
 from lightdome.maps.envmap import EnvironmentMap
@@ -111,8 +111,8 @@ def test_a_device_that_passed_the_probe_is_remembered(
     assert open_device(device.handle.name).handle == device.handle
 
 
-def test_the_probe_lists_devices_with_their_rates_and_the_one_that_is_taken_first(device: Device) -> None:
-    result = subprocess.run([sys.executable, "-m", "lightdome.probe"], capture_output=True, text=True)
+def test_devices_are_listed_with_their_rates_and_the_one_that_is_taken_first(device: Device) -> None:
+    result = subprocess.run([sys.executable, "-m", "lightdome", "devices"], capture_output=True, text=True)
     assert result.returncode == 0
     taken, why, _, *table = result.stdout.splitlines()
     assert why.startswith("taken (*): ")
@@ -124,6 +124,25 @@ def test_the_probe_lists_devices_with_their_rates_and_the_one_that_is_taken_firs
     assert handle.platform.name in taken
     assert f"{1e-9 * device.rates.multiply_adds:.0f} G/s" in row
     assert row.endswith(taken)
+
+
+def test_devices_are_listed_for_programs_too(
+    device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, run_here: Script
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv("PYOPENCL_CTX", raising=False)
+    slow = replace(FAST, fused=5e10, plain=2e10, numpy=2e11)
+    Machine(device.handle, monkeypatch, "broken", slow)
+    said = json.loads(run_here("devices", "--json").stdout)
+    assert said["why"] == "the only one"
+    broken, works = said["devices"]
+    assert (broken["device"], broken["is_taken"], broken["failure"], broken["rates"]) == ("0:0", False, "broken", None)
+    assert (works["device"], works["is_taken"], works["failure"]) == ("0:1", True, None)
+    assert works["rates"]["multiply_adds_per_second"] == 5e10
+    assert "for a faster one" in works["note"]
+    text = run_here("devices").stdout
+    assert "  0:0       fails: broken" in text
+    assert text.endswith(f"{works['note']}\n")
 
 
 def test_the_probe_of_a_device_prints_its_rates(device: Device) -> None:
@@ -318,7 +337,8 @@ def test_a_damaged_record_of_a_device_is_made_again(
     ("arguments", "status", "said"),
     [
         ("--help", 0, "usage: python -m lightdome.probe"),
-        ("0", 2, "expected"),
+        ("", 2, "PLATFORM"),
+        ("0", 2, "DEVICE"),
         ("a b", 2, "'a'"),
         ("0 0 0", 2, "usage"),
         ("0 1.5", 2, "'1.5'"),

@@ -219,7 +219,7 @@ def test_a_program_is_found_by_its_file_or_folder(tmp_path, folder):
 def test_a_program_is_found_on_path_else_where_it_was_installed(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    with pytest.raises(LightdomeError, match=r"no PBRT on PATH; install one with scripts/get_pbrt.py"):
+    with pytest.raises(LightdomeError, match=r"no PBRT on PATH; install one \(cargo install pbrt-r4"):
         find_pbrt()
     installed_port().parent.mkdir(parents=True)
     port = stand_in(installed_port().parent, PORT, "pbrt-r4")
@@ -237,7 +237,10 @@ def test_a_program_is_found_on_path_else_where_it_was_installed(tmp_path, monkey
     ("body", "message"),
     [
         ("print('pbrt version 2.0.0 of today')", "PBRT version 2"),
-        ("sys.exit('error: --path is missing\\nUsage: rs_pbrt --path <PATH>')", "is rs_pbrt, .* 8-bit .*get_pbrt"),
+        (
+            "sys.exit('error: --path is missing\\nUsage: rs_pbrt --path <PATH>')",
+            "is rs_pbrt, .* 8-bit .*cargo install pbrt-r4",
+        ),
         ("print('usage: something else')", "usage: something else"),
         ("", "it said: nothing"),
         ("import os; os.abort()", "SIGABRT"),
