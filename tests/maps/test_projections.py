@@ -96,6 +96,8 @@ def test_directions_are_unit_vectors_that_lead_back(name: str) -> None:
     projection = PROJECTIONS[name]
     shape = projection.shape(SIZE)
     direction = np.random.default_rng(2).normal(size=(1000, 3))
+    signs = np.indices((3, 3, 3)).reshape(3, 27).T - 1  # edges and corners of a cube, where faces meet
+    direction = np.concatenate([signs[np.abs(signs).sum(axis=1) > 1], direction])
     direction = np.concatenate([AXES, direction / np.linalg.norm(direction, axis=1)[:, None]])
     x, y = projection.positions(direction, shape)
     assert ((x >= 0) & (x <= shape[1]) & (y >= 0) & (y <= shape[0])).all()
@@ -165,6 +167,11 @@ def square(name: str, shape: tuple[int, int]) -> np.ndarray:
     return np.ones((*shape, 3), np.float32) * PROJECTIONS[name].used(shape)[..., None]
 
 
+def with_rim(radiance: np.ndarray) -> np.ndarray:
+    """As an image looks that was resized."""
+    return np.maximum(radiance, 0.1 * np.roll(radiance, 1, axis=1))
+
+
 @pytest.mark.parametrize(
     ("name", "radiance", "said"),
     [
@@ -177,6 +184,7 @@ def square(name: str, shape: tuple[int, int]) -> np.ndarray:
         ("latlong", np.ones((16, 12, 3)), "is cube-cross"),
         ("latlong", np.ones((12, 16, 3)), "is cube-cross-horizontal"),
         ("cube-cross-horizontal", square("cube-cross-horizontal", (12, 16)), "4:3"),
+        ("cube-cross", with_rim(square("cube-cross", (48, 36))), "3:4"),
         ("latlong", np.zeros((12, 16, 3)), None),
         ("cube-strip", np.ones((48, 8, 3)), "1:6"),
         ("cube-strip-horizontal", np.ones((8, 48, 3)), "6:1"),

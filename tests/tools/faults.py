@@ -998,13 +998,6 @@ FAULTS: list[Fault] = [
         "an exchange",
     ),
     host(
-        "projections: a mirrored ball without its cancellation",
-        "projections.py",
-        "np.where(cosine > 0, sine / np.sqrt(2 * (1 + np.abs(cosine))), np.sqrt((1 - cosine) / 2))",
-        "np.sqrt((1 - cosine) / 2)",
-        "a formula that is right but for its digits",
-    ),
-    host(
         "a converted map has other pixels than before",
         "conversion.py",
         "math.sqrt(pixels / target.coverage)",
