@@ -50,7 +50,7 @@ class Projection(ABC):
     def shape(self, size: int) -> tuple[int, int]:
         """(H, W) of an image of this ``size``: the side of a square or of a cube's face, or the rows of a latlong."""
         largest = math.isqrt(MAX_PIXELS // (self.aspect[0] * self.aspect[1]))
-        size = checks.whole(f"the size of a {self.name} map", size, self.smallest, largest)
+        size = checks.whole(f"the size of the {self.name} map", size, self.smallest, largest)
         return self.aspect[1] * size, self.aspect[0] * size
 
     def fits(self, shape: tuple[int, int]) -> bool:

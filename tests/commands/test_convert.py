@@ -83,7 +83,7 @@ def test_a_map_is_written_for_another_program(path: Path, size: int | None, monk
     [
         ("2:1|1:1", ("--to", "latlong", "--projection", "angular")),
         ("3:4", ("--to", "latlong", "--projection", "cube-cross")),
-        ("size of a cube-strip map", ("--to", "cube-strip", "--size", 100000)),
+        ("size of the cube-strip map", ("--to", "cube-strip", "--size", 100000)),
     ],
 )
 def test_what_cannot_be_is_refused_and_nothing_is_written(

@@ -237,10 +237,10 @@ def test_what_is_replaced_in_a_probe_says_its_share_of_the_flux(tmp_path: Path) 
         ("2:1", lambda: maps.convert(np.ones((0, 0, 3)), to="mirror")),
         ("finite", lambda: maps.convert(np.full((4, 8, 3), np.inf), to="mirror")),
         (
-            "size of a mirror map must be a whole number from 1",
+            "size of the mirror map must be a whole number from 1",
             lambda: maps.convert(np.ones((4, 8, 3)), to="mirror", size=0),
         ),
-        ("size of a cube-cross", lambda: maps.convert(np.ones((4, 8, 3)), to="cube-cross", size=30000)),
+        ("size of the cube-cross", lambda: maps.convert(np.ones((4, 8, 3)), to="cube-cross", size=30000)),
     ],
 )
 def test_what_cannot_be_converted_is_refused(words: str, call) -> None:
