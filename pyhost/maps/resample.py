@@ -56,7 +56,7 @@ def resample(
     ``rotation`` (3, 3) turns the map, or mirrors it: what lay in direction d, a column, lies in ``rotation @ d``
     afterwards. Pixels that a projection does not use are 0. The flux, the sum of radiance times solid angle, is kept to
     1e-6, and a constant stays constant to 1e-6. Without a rotation, an image of the same projection and shape comes
-    back bit for bit. Memory is 60 bytes for each pixel of both images, and 500 MB at most.
+    back bit for bit. Memory is 60 bytes for each pixel of both images, and up to 500 MB more.
 
     Raises :class:`LightdomeError` for shapes that the projections do not have, for a rotation that is none, and for
     values that are not finite.
