@@ -50,6 +50,11 @@ if TYPE_CHECKING:
         sampling,
     )
     from .errors import LightdomeError
+    from .evaluation.check_fresnel import check_fresnel
+    from .evaluation.check_image import check_image
+    from .evaluation.check_lights import check_lights
+    from .evaluation.check_pdf import check_pdf
+    from .evaluation.check_samples import check_samples
     from .lighting.exact import exact
     from .lighting.harmonics import Harmonics, project, shade_harmonics
     from .lighting.light_files import write_csv, write_lights, write_pbrt
@@ -74,6 +79,11 @@ _HOME = {
     "EnvironmentMap": "maps.envmap",
     "default_map": "maps.default_map",
     "LightdomeError": "errors",
+    "check_fresnel": "evaluation.check_fresnel",
+    "check_image": "evaluation.check_image",
+    "check_lights": "evaluation.check_lights",
+    "check_pdf": "evaluation.check_pdf",
+    "check_samples": "evaluation.check_samples",
     "Harmonics": "lighting.harmonics",
     "project": "lighting.harmonics",
     "shade_harmonics": "lighting.harmonics",
@@ -107,6 +117,11 @@ __all__ = [
     "__version__",
     "auto_exposure",
     "build_distribution",
+    "check_fresnel",
+    "check_image",
+    "check_lights",
+    "check_pdf",
+    "check_samples",
     "default_map",
     "exact",
     "median_cut",

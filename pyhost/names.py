@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-SEQUENCES = ("independent", "stratified", "sobol", "r2")  # points of samples that all pixels share
+SEQUENCES = ("independent", "stratified", "sobol", "r2", "lattice")  # points of samples that all pixels share
 WITHIN = ("centre", "pixel")  # where in its pixel the direction of a sample lies
 PIXELS = ("centres", "areas")  # what exact images take the map's pixels for
-PIXEL_SEQUENCES = ("independent", "sobol")  # points of samples for every pixel
+PIXEL_SEQUENCES = ("independent", "sobol", "lattice")  # points of samples for every pixel
 PROJECTIONS = (
     "latlong",
     "angular",
@@ -53,7 +53,7 @@ COMMANDS = {
     "exact": Command("exact", "sum the sphere's image over every pixel of a map: what estimators converge to"),
     "lights": Command("lights", "turn a map into a few lights, as a file for another program"),
     "fresnel": Command("part1_fresnel", "plot the Fresnel reflectance of a dielectric"),
-    "check": Command("check", "say whether another program's image is right, and if not, what is wrong"),
+    "check": Command("check", "say whether another program's results are right, and if not, what is wrong"),
     "bench": Command("bench", "measure the error of each method against its run time"),
     "roofline": Command("roofline", "measure each stage against what the machine can do"),
     "stability": Command("stability", "try samplers on maps that break samplers"),

@@ -80,6 +80,7 @@ def clone(tmp_path: Path) -> Path:
     shutil.copytree(ROOT / "docs" / "tutorial", tmp_path / "docs" / "tutorial")
     for lesson in (tmp_path / "docs" / "tutorial").glob("*.py"):
         lesson.write_text(re.sub("^SIZE = .*", "SIZE = 31", lesson.read_text(encoding="utf-8"), flags=re.MULTILINE))
+    (tmp_path / "docs" / "teaching").symlink_to(ROOT / "docs" / "teaching")
     (tmp_path / ".venv").symlink_to(sys.prefix)
     (tmp_path / "data").mkdir()
     for path in (ROOT / "data").iterdir():

@@ -3,6 +3,8 @@
 //     row(i) from the CDF over rows at the second half of point i, across(i) = the first half
 //
 // marginal_cdf  from marginal_cdf.cl, height integers
+// seed, generator
+//               of the sequence that the points come from (sequence.clh)
 // row           count integers
 // across        count integers, fractions of 2^64
 // place         count integers: where in the row the point lies, as a fraction of 2^32 (within_pixel.clh)
@@ -33,6 +35,7 @@ kernel void choose_rows(global const uint *restrict marginal_cdf,
                         const uint height,
                         const uint count,
                         const uint2 seed,
+                        const uint generator,
                         global uint *restrict row,
                         global ulong *restrict across,
                         global uint *restrict place)
@@ -40,7 +43,7 @@ kernel void choose_rows(global const uint *restrict marginal_cdf,
     const uint i = get_global_id(0);
     if (i >= count)
         return;
-    const uint2 point = sequence_point(i, count, 0u, seed);
+    const uint2 point = sequence_point(i, count, generator, 0u, seed);
     const uint2 further = further_bits(i, 0u, seed);
     const uint y = invert_cdf(marginal_cdf, height, point.y);
     row[i] = y;

@@ -18,6 +18,7 @@ kernel void sample(global const uint *restrict row_cdf,
                    const float inverse_total,
                    const uint count,
                    const uint2 seed,
+                   const uint generator,
                    global const ulong2 *restrict points,
                    global float *restrict direction,
                    global float *restrict sample_radiance,
@@ -26,7 +27,7 @@ kernel void sample(global const uint *restrict row_cdf,
 {
     const uint begin = get_global_id(0) * BLOCK, n = min((uint)BLOCK, count - begin);
     uint across[BLOCK], down[BLOCK], x[BLOCK], y[BLOCK];
-    sequence_block(points, begin, count, 0u, seed, across, down);
+    sequence_block(points, begin, count, generator, 0u, seed, across, down);
     search_pixels(row_cdf, marginal_cdf, width, height, across, down, x, y);
     block_angles angles;
     load_centres(theta, phi, x, y, n, &angles);

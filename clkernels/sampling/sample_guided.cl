@@ -21,6 +21,7 @@ kernel void sample_guided(global const uint *restrict row_cdf,
                           const float inverse_total,
                           const uint count,
                           const uint2 seed,
+                          const uint generator,
                           global const ulong2 *restrict points,
                           global float *restrict direction,
                           global float *restrict sample_radiance,
@@ -29,7 +30,7 @@ kernel void sample_guided(global const uint *restrict row_cdf,
 {
     const uint begin = get_global_id(0) * BLOCK, n = min((uint)BLOCK, count - begin);
     uint across[BLOCK], down[BLOCK], x[BLOCK], y[BLOCK];
-    sequence_block(points, begin, count, 0u, seed, across, down);
+    sequence_block(points, begin, count, generator, 0u, seed, across, down);
     const guided_map map = {row_cdf, marginal_cdf, marginal_guide, row_guide, row_total, marginal_shift, row_shift,
                             width, height};
     pick_pixels(&map, across, down, n, x, y);

@@ -14,13 +14,14 @@ kernel void sample_pixels(global const uint *restrict row_cdf,
                           const float inverse_total,
                           const uint count,
                           const uint2 seed,
+                          const uint generator,
                           global const ulong2 *restrict points,
                           global int *restrict pixel,
                           global float *restrict probability)
 {
     const uint begin = get_global_id(0) * BLOCK, n = min((uint)BLOCK, count - begin);
     uint across[BLOCK], down[BLOCK], x[BLOCK], y[BLOCK];
-    sequence_block(points, begin, count, 0u, seed, across, down);
+    sequence_block(points, begin, count, generator, 0u, seed, across, down);
     search_pixels(row_cdf, marginal_cdf, width, height, across, down, x, y);
 
     float red[BLOCK], green[BLOCK], blue[BLOCK], f[BLOCK];

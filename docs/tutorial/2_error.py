@@ -28,7 +28,7 @@ truth = lightdome.exact(device, envmap, SIZE)
 # One set of samples for all pixels. Independent points halve the error with four times as many, the others do better.
 print("relative RMSE in %, mean of 8 seeds")
 print("one set for all pixels      64     256    1024")
-for sequence in ("independent", "stratified", "sobol", "r2"):
+for sequence in ("independent", "stratified", "sobol", "r2", "lattice"):
     row = []
     for count in (64, 256, 1024):
         drawn = (distribution.sample(count, seed, sequence) for seed in range(8))

@@ -18,6 +18,7 @@ from . import cli
 
 if TYPE_CHECKING:
     from ..evaluation.check_image import ImageCheck
+    from ..evaluation.check_tables import TableCheck
 
 
 @dataclass(frozen=True)
@@ -67,14 +68,13 @@ def image_lines(check: ImageCheck) -> Iterator[str]:
     if check.cause:
         yield _line("seen", check.cause.seen)
         yield _line("where", check.cause.where)
-    yield from check.notes
     yield _line("relative RMSE", f"{check.relative_rmse:.2%}")
     if check.expected:
         e = check.expected
         per = "samples per pixel" if e.per_pixel else "samples"
         yield _line("expected", f"{e.mean:.2%}, nine of ten images of {e.count} {per} from {e.low:.2%} to {e.high:.2%}")
     if not math.isnan(check.deviations):
-        yield _line("bias", f"{check.deviations:.1f} standard deviations")
+        yield _line("off by", f"{check.deviations:.1f} standard deviations")
     yield _line("by channel", "red {:+.2%}, green {:+.2%}, blue {:+.2%}".format(*check.bias))
     yield _line("factors", "red {:.4g}, green {:.4g}, blue {:.4g}".format(*check.factor))
     if check.orientation:
@@ -89,6 +89,97 @@ def image_lines(check: ImageCheck) -> Iterator[str]:
 
 def _line(label: str, text: str) -> str:
     return f"  {label:<14} {text}"
+
+
+def samples(args: Namespace) -> Found:
+    from ..evaluation.check_samples import check_samples, read_samples
+
+    return _of_table(check_samples(cli.load_map(args), *read_samples(args.file)))
+
+
+def pdf_arguments(parser: ArgumentParser) -> None:
+    cli.map_options(parser)
+    parser.add_argument(
+        "--per",
+        choices=["either", "steradian", "pixel"],
+        default="either",
+        help="what an image must hold: densities per steradian, probabilities of pixels, or one of them",
+    )
+
+
+def pdf(args: Namespace) -> Found:
+    from ..evaluation.check_pdf import check_pdf, read_pdf
+
+    values, direction = read_pdf(args.file)
+    return _of_table(check_pdf(cli.load_map(args), values, direction, args.per))
+
+
+def lights_arguments(parser: ArgumentParser) -> None:
+    cli.map_options(parser)
+    cli.device_option(parser)
+
+
+def lights(args: Namespace) -> Found:
+    from ..evaluation.check_lights import check_lights, read_lights
+
+    direction, flux = read_lights(args.file)
+    envmap = cli.load_map(args)
+    return _of_table(check_lights(cli.open_device(args), envmap, direction, flux))
+
+
+def fresnel_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument(
+        "--eta", type=cli.positive_float, default=1.4, metavar="N", help="refractive index of the material, in air"
+    )
+    parser.add_argument("--leaving", action="store_true", help="the light leaves the material, and does not enter it")
+
+
+def fresnel(args: Namespace) -> Found:
+    from ..evaluation.check_fresnel import check_fresnel, read_curves
+
+    theta, curves = read_curves(args.file)
+    return _of_table(check_fresnel(theta, *curves, eta=args.eta, leaving=args.leaving))
+
+
+def folder_arguments(parser: ArgumentParser) -> None:
+    cli.map_options(parser)
+    fresnel_arguments(parser)
+    cli.device_option(parser)
+
+
+def folder(args: Namespace) -> Found:
+    from ..evaluation.check_folder import COLUMNS, FolderCheck, page
+    from ..files import write_table
+
+    if args.out is None:
+        raise LightdomeError("a folder's page needs a place: give --out DIR")
+    envmap = cli.load_map(args)
+    rows = FolderCheck(cli.open_device(args), envmap, args.eta, args.leaving).rows(args.file)
+    name = args.file.resolve().name
+    write_table(args.out / f"{name}_check.csv", COLUMNS, (row.values for row in rows))
+    with replacing(args.out / f"{name}_check.html") as path:
+        path.write_text(page(rows, f"{name}: {len(rows)} files"), encoding="utf-8", errors="backslashreplace")
+    agrees = [row.agrees for row in rows]
+    found = False if False in agrees else None if None in agrees else True
+    width = max(len(row.file) for row in rows)
+    lines = [f"{agrees.count(True)} of {len(rows)} files agree", *(f"  {r.file:<{width}}  {r.verdict}" for r in rows)]
+    return Found(found, lines, {"agrees": found, "files": [dict(zip(COLUMNS, r.values, strict=True)) for r in rows]})
+
+
+def _of_table(check: TableCheck) -> Found:
+    rows = [("seen", check.cause.seen), ("where", check.cause.where)] if check.cause else []
+    rows += [("orientation", check.orientation)] if check.orientation else []
+    rows += [(name.replace("_", " "), _shown(value)) for name, value in check.details.items()]
+    width = max(len(name) for name, _ in rows)
+    return Found(check.agrees, [check.verdict, *(f"  {n:<{width}}  {v}" for n, v in rows)], check.to_dict())
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_shown(item)}" for name, item in value.items()) or "-"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return " ".join(map(_shown, value)) if hasattr(value, "__iter__") and not isinstance(value, str) else str(value)
 
 
 @dataclass(frozen=True)
@@ -108,6 +199,36 @@ KINDS = {
         image_arguments,
         image,
     ),
+    "samples": Kind(
+        "samples of a map, as .npz or .csv: their directions, radiance, probabilities and pixels",
+        "samples samples_1024.npz --map map.exr",
+        cli.map_options,
+        samples,
+    ),
+    "pdf": Kind(
+        "probabilities or densities of a map's pixels, as an image, or densities by direction, as .npz or .csv",
+        "pdf pdf.pfm --map map.exr",
+        pdf_arguments,
+        pdf,
+    ),
+    "lights": Kind(
+        "directional lights that stand for a map, as .csv or .npz",
+        "lights lights.csv --map map.exr",
+        lights_arguments,
+        lights,
+    ),
+    "fresnel": Kind(
+        "reflectances of a dielectric by angle, as .csv or .npz",
+        "fresnel curve.csv --eta 1.4 --leaving",
+        fresnel_arguments,
+        fresnel,
+    ),
+    "folder": Kind(
+        "a folder of such files, a class's hand-ins, as a table and a page with pictures",
+        "folder hand-ins --map map.exr --out out",
+        folder_arguments,
+        folder,
+    ),
 }
 
 
@@ -126,7 +247,8 @@ def main() -> None:
             epilog=f"example: {cli.program()} {kind.example}",
             formatter_class=parser.formatter_class,
         )
-        of_kind.add_argument("file", type=Path, metavar="FILE", help=kind.purpose)
+        metavar = "DIR" if name == "folder" else "FILE"
+        of_kind.add_argument("file", type=Path, metavar=metavar, help=kind.purpose)
         kind.arguments(of_kind)
         of_kind.add_argument(
             "--out", type=Path, metavar="DIR", help="folder to write NAME_check.json, and a picture if there is one"
@@ -143,7 +265,7 @@ def main() -> None:
         sys.exit(2)
     text = json.dumps({"file": str(args.file), **found.values}, indent=2, allow_nan=False)
     if args.out:
-        with replacing(args.out / f"{args.file.stem}_check.json") as path:
+        with replacing(args.out / f"{args.file.resolve().stem}_check.json") as path:
             path.write_text(text + "\n", encoding="utf-8")
     print(text if args.json else "\n".join(found.lines))
     sys.exit({True: 0, False: 1, None: 2}[found.agrees])

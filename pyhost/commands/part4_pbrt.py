@@ -38,14 +38,18 @@ def parse_arguments() -> argparse.Namespace:
         "--renderer",
         choices=["auto", "pbrt", "opencl"],
         default="auto",
-        help="auto: pbrt if there is one and no option is given that it has not, else opencl",
+        help="auto: pbrt if there is one, and opencl else, or where --estimator, --sequence or --within is given",
     )
-    for name, choices, default, what in (
-        ("estimator", ESTIMATORS, "light", "how a pixel uses its samples"),
-        ("sequence", PIXEL_SEQUENCES, PIXEL_SEQUENCES[0], "the points that samples are made of"),
-        ("within", WITHIN, "centre, for bsdf and mis pixel", "where in a pixel of the map directions lie"),
-    ):
-        parser.add_argument(f"--{name}", choices=choices, help=f"{what}, for --renderer opencl (default: {default})")
+    parser.add_argument("--estimator", choices=ESTIMATORS, help="how a pixel uses its samples (default: light)")
+    parser.add_argument(
+        "--sequence", choices=PIXEL_SEQUENCES, help="the points that samples are made of (default: independent)"
+    )
+    parser.add_argument(
+        "--within",
+        choices=WITHIN,
+        help="where directions lie in a pixel of the map: at its centre, or anywhere in it, even over its solid angle"
+        " (default: centre; bsdf and mis have pixel alone)",
+    )
     parser.add_argument(
         "--pbrt",
         type=Path,
@@ -70,7 +74,7 @@ def parse_arguments() -> argparse.Namespace:
             if args.renderer == "pbrt" or args.pbrt:
                 parser.error(f"--{name} is for --renderer opencl")
             args.renderer = "opencl"
-    args.estimator, args.sequence = args.estimator or "light", args.sequence or PIXEL_SEQUENCES[0]
+    args.estimator, args.sequence = args.estimator or "light", args.sequence or "independent"
     if args.within == "centre" and ESTIMATORS[args.estimator].pixels == "areas":
         parser.error(f"--estimator {args.estimator} has --within pixel alone")
     if args.albedo > 1 and (args.renderer == "pbrt" or args.pbrt):

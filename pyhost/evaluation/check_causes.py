@@ -3,9 +3,10 @@
 A light sample is drawn with probability q, and adds (albedo / pi) max(0, n . w) (L / I) Phi / N to a pixel of normal n,
 where I = (R + G + B) / 3 and Phi is the sum of I x solid angle. If q is proportional to I sin(theta), the sum converges
 to the exact image. A mistake in q, in the term or in the direction makes it converge to the exact image of another map,
-which is what ``effect`` makes: from the radiance (H, W, 3) of a map, float64, to that of another map. A mistake on the
-side of the surface has a ``surface`` instead: from the irradiance as a function of a vector, and the normals, to the
-irradiance that it shows; one in the image itself has a ``picture``, from the exact image's pixels to those it has.
+which is what ``effect`` makes: from the radiance (H, W, 3) of a map, float64, to that of another map. A mistake in
+the direction has ``placed``: the angles theta and phi of row y and column x of H and W. One on the side of the surface
+has a ``surface``: from the irradiance as a function of a vector, and the normals, to the irradiance that it shows. One
+in the image itself has a ``picture``, from the exact image's pixels to those it has.
 
 The list was gathered from solutions of students and from reports of renderers' users.
 """
@@ -17,9 +18,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..maps.geometry import directions, row_angles, solid_angles
+from ..maps.geometry import row_angles, solid_angles
 
 Effect = Callable[[np.ndarray], np.ndarray]
+Placed = Callable[[np.ndarray, np.ndarray, int, int], tuple[np.ndarray, np.ndarray]]
 Irradiance = Callable[[np.ndarray], np.ndarray]  # of vectors (N, 3), which may have any length: (N, 3)
 
 
@@ -32,9 +34,12 @@ class Cause:
     seen: str
     where: str
     effect: Effect | None = None
+    placed: Placed | None = None
     surface: Callable[[Irradiance, np.ndarray], np.ndarray] | None = None
     picture: Callable[[np.ndarray], np.ndarray] | None = None
-    exposed: bool = True  # its absolute brightness tells it apart; otherwise its shape alone does
+    factors: tuple[int, ...] = (0, 1)  # 0: its own brightness tells it apart; 1: with any other its shape does
+    about: bool = False  # its brightness is known roughly, as the spread of its samples is large
+    by_pixels: bool = False  # it depends on single pixels, so that a smaller map does not show it
 
 
 def luminance(radiance: np.ndarray) -> np.ndarray:
@@ -60,29 +65,6 @@ def drawn_with(weight: np.ndarray, radiance: np.ndarray) -> np.ndarray:
 
 def _sine(radiance: np.ndarray) -> np.ndarray:
     return np.sin(row_angles(len(radiance)))[:, None]
-
-
-def splat(direction: np.ndarray, flux: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """A map (H, W, 3) of lights: ``direction`` (N, 3) with ``flux`` (N, 3), each in the pixel that it lies in."""
-    height, width = shape
-    theta = np.arccos(np.clip(direction[:, 1], -1, 1))
-    phi = np.arctan2(direction[:, 2], direction[:, 0]) % (2 * np.pi)
-    y = np.minimum((theta / np.pi * height).astype(int), height - 1)
-    x = np.minimum((phi / (2 * np.pi) * width).astype(int), width - 1)
-    sums = [np.bincount(y * width + x, flux[:, c], height * width) for c in range(3)]
-    return np.stack(sums, axis=1).reshape(height, width, 3) / solid_angles(height, width)[:, None, None]
-
-
-def _at(angles: Callable[[np.ndarray, np.ndarray, int, int], tuple[np.ndarray, np.ndarray]]) -> Effect:
-    """The map whose pixels shine from elsewhere: ``angles`` (theta, phi) of rows y (H, 1) and columns x (1, W)."""
-
-    def effect(radiance: np.ndarray) -> np.ndarray:
-        height, width = radiance.shape[:2]
-        theta, phi = np.broadcast_arrays(*angles(np.arange(height)[:, None], np.arange(width)[None], height, width))
-        flux = radiance * pixel_areas(radiance)[..., None]
-        return splat(directions(theta, phi).reshape(-1, 3), flux.reshape(-1, 3), (height, width))
-
-    return effect
 
 
 def _rec709(radiance: np.ndarray) -> np.ndarray:
@@ -148,7 +130,7 @@ CAUSES = (
         "too much light from the poles of the map, straight up and straight down",
         "where the luminance is multiplied for the CDFs, and where p(x, y) is divided by the solid angle",
         lambda L: drawn_with(luminance(L), L),
-        exposed=False,
+        factors=(1,),
     ),
     Cause(
         "p of a pixel used as a density",
@@ -156,6 +138,8 @@ CAUSES = (
         "thousands of times too bright, and too much light from straight up and straight down",
         "where a sample's term is divided by its density",
         lambda L: L / pixel_areas(L)[..., None],
+        factors=(1,),
+        about=True,
     ),
     Cause(
         "sin(theta) twice",
@@ -163,49 +147,49 @@ CAUSES = (
         "too little light from above and from below",
         "where the luminance is multiplied for the CDFs, and again in the sum over samples",
         lambda L: drawn_with(luminance(L) * _sine(L) ** 2, L),
-        exposed=False,
+        factors=(1,),
     ),
     Cause(
         "theta over half its range",
         "theta runs from 0 to pi / 2 over the rows and not to pi",
         "all light comes from above; the lower half of the sphere is dark",
         "theta = pi (y + 1/2) / H, not pi / 2",
-        _at(lambda y, x, H, W: (np.pi / 2 * (y + 0.5) / H, 2 * np.pi * (x + 0.5) / W)),
+        placed=lambda y, x, H, W: (np.pi / 2 * (y + 0.5) / H, 2 * np.pi * (x + 0.5) / W),
     ),
     Cause(
         "theta over twice its range",
         "theta runs from 0 to 2 pi over the rows and not to pi",
         "the lower half of the map lights the sphere from behind its true place",
         "theta = pi (y + 1/2) / H, not 2 pi",
-        _at(lambda y, x, H, W: (2 * np.pi * (y + 0.5) / H, 2 * np.pi * (x + 0.5) / W)),
+        placed=lambda y, x, H, W: (2 * np.pi * (y + 0.5) / H, 2 * np.pi * (x + 0.5) / W),
     ),
     Cause(
         "phi over half its range",
         "phi runs from 0 to pi over the columns and not to 2 pi",
         "all light comes from one side",
         "phi = 2 pi (x + 1/2) / W, not pi",
-        _at(lambda y, x, H, W: (np.pi * (y + 0.5) / H, np.pi * (x + 0.5) / W)),
+        placed=lambda y, x, H, W: (np.pi * (y + 0.5) / H, np.pi * (x + 0.5) / W),
     ),
     Cause(
         "x and y swapped",
         "the row is used for phi and the column for theta",
         "lamps are at quite other places",
         "where a pixel (x, y) becomes (phi, theta), or an array is indexed [x][y]",
-        _at(lambda y, x, H, W: (np.pi * (x + 0.5) / W, 2 * np.pi * (y + 0.5) / H)),
+        placed=lambda y, x, H, W: (np.pi * (x + 0.5) / W, 2 * np.pi * (y + 0.5) / H),
     ),
     Cause(
         "pixel edges for centres",
         "a pixel's direction is that of its upper left corner",
         "the light is turned by half a pixel: seen on small maps only",
         "theta = pi (y + 1/2) / H and phi = 2 pi (x + 1/2) / W: the halves are missing",
-        _at(lambda y, x, H, W: (np.pi * y / H, 2 * np.pi * x / W)),
+        placed=lambda y, x, H, W: (np.pi * y / H, 2 * np.pi * x / W),
     ),
     Cause(
         "W - 1 for W",
         "phi or theta is scaled by the last index, and not by the number of pixels",
         "the light is turned, by up to a pixel at the map's right end",
         "phi = 2 pi (x + 1/2) / W, not / (W - 1)",
-        _at(lambda y, x, H, W: (np.pi * y / max(H - 1, 1), 2 * np.pi * x / max(W - 1, 1))),
+        placed=lambda y, x, H, W: (np.pi * y / max(H - 1, 1), 2 * np.pi * x / max(W - 1, 1)),
     ),
     Cause(
         "one random number for row and column",
@@ -213,6 +197,7 @@ CAUSES = (
         "only a curve of pixels through the map is ever drawn, and most lamps are never seen",
         "where the sample's two random numbers are made",
         _same_number,
+        by_pixels=True,
     ),
     Cause(
         "row CDF of another row",
@@ -220,6 +205,7 @@ CAUSES = (
         "light is spread; edges of lamps shine wrongly",
         "where the row's CDF is looked up: its offset is row x width",
         _other_rows,
+        by_pixels=True,
     ),
     Cause(
         "CDF starts at row 1",
@@ -227,6 +213,7 @@ CAUSES = (
         "the light is lower by a row: seen on small maps only",
         "where the prefix sum starts, and what the search returns",
         _first_row_lost,
+        by_pixels=True,
     ),
     Cause(
         "CDF sorted",
@@ -241,7 +228,7 @@ CAUSES = (
         "coloured lamps are too bright or too dark",
         "one definition of luminance must serve both the CDFs and the term",
         _rec709,
-        exposed=False,
+        factors=(1,),
     ),
     Cause(
         "map clipped to 1",
@@ -270,7 +257,7 @@ CAUSES = (
         "lamps are far too strong beside the rest",
         "where the map is read: radiance is linear",
         lambda L: L**2.2,
-        exposed=False,
+        factors=(1,),
     ),
     Cause(
         "channels swapped",

@@ -7,6 +7,7 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
+import OpenImageIO as oiio
 
 from .. import checks
 from ..errors import LightdomeError, one_line
@@ -46,7 +47,7 @@ def _picture(path: Path, starts: tuple[bytes, ...]) -> np.ndarray:
             raise LightdomeError(f"{path} is damaged or of another kind: it does not begin like a {path.suffix} file")
     source = open_input(path)
     if source is None:
-        raise LightdomeError(f"{path} is damaged or of another kind")
+        raise LightdomeError(f"{path} is damaged or of another kind: {reason(oiio.geterror)}")
     try:
         spec = source.spec()
         if spec.width * spec.height > MAX_PIXELS:

@@ -1,19 +1,19 @@
 """Does another renderer's image of the diffuse sphere agree with the exact one, and if not, what went wrong?
 
 The convention of the image is found first: where the sphere lies in it, mirrors and turns, one factor on the
-brightness. What is left is compared with what an unbiased estimator of N samples leaves. Errors of shared samples are
-smooth, and those of fresh samples per pixel are not, so bias and noise are told apart by moments of the image: its
-products with Zernike polynomials up to degree 4. Of N samples that are drawn as the light is, their covariance is known
-from the map; of an image with noise of its own, from that noise.
-
-Sources: Pharr, Jakob, Humphreys, Physically Based Rendering, 4th ed., 2.1 and 2.2 (variance); Born and Wolf, Principles
-of Optics, 9.2 (Zernike polynomials); Wilson and Hilferty (1931) for the tail of chi-square.
+brightness. What is left is compared with what an unbiased estimator of N samples leaves, by moments of the image
+(:mod:`lightdome.evaluation.check_statistics`). An image that is off by more is compared with what each known mistake
+converges to (:mod:`lightdome.evaluation.check_causes`). It gets the name of that which explains it, unless another
+explains it as well.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -21,20 +21,44 @@ from .. import checks
 from ..disc import disc_mask
 from ..errors import LightdomeError
 from ..lighting.exact import exact, exact_kept
+from ..lighting.shade import shade
 from ..maps.envmap import EnvironmentMap
-from ..maps.geometry import column_angles, directions, row_angles, solid_angles
+from ..maps.geometry import directions, solid_angles
 from ..opencl.device import Device
-from ..sampling.distribution import build_distribution
-from .check_causes import CAUSES, Cause, Irradiance, luminance
+from ..progress import Progress
+from .check_causes import CAUSES, Cause, Irradiance
+from .check_disc import find_disc, seen_in
+from .check_files import GAMMA
+from .check_statistics import (
+    Expected,
+    Population,
+    Sampling,
+    Spread,
+    moments,
+    moments_of_each,
+    noise_of,
+    normals,
+    population,
+    zernike,
+)
+from .check_turn import Orientation, find_orientation, table_of
 from .metrics import relative_rmse
 
-DEGREE = 4  # of the polynomials
-GRID = 63  # pixels across the disc, of images of single samples
-SAMPLES = 4096  # that the variance of one is taken from
-MAX_SIDE = 511  # pixels, of images as compared
+GRID = 63  # pixels across the disc, of images that hypotheses expect
+FEW = 4  # of its pixels, each of which counts where covariances are made
+DRAWN = 1024  # samples for those
+MAP_ROWS = 512  # of the map from which those are made
 LIMIT = 5.0  # standard deviations, from which on an image is biased
+EXPLAINED = 0.1  # share of the deviations that may be left: with a mistake, samples have another spread
+CLEAR = 1.0  # standard deviations, by which an explanation must be better than another
 CONVERGED = 0.005  # relative RMSE, up to which an image without a number of samples agrees
 PRECISION = 1e-3  # of a moment: what rounding, other integrals and other pixel filters may change
+PICTURE_PRECISION = 3e-2  # the same where values are encoded for the eye, by curves that are like gamma 2.2
+WHITE = 254.5 / 255  # value of a picture, encoded, from which on it may be clipped
+FEWEST = 16  # samples, that an image without a number of them may have
+TIMES = 30  # as many samples as the right image would need, from which an explanation of such an image counts
+MOST_DRAWN = 2**20  # samples of sets that are drawn; of more, sums are as normal numbers
+EVENTS = 50  # lamps that are hit in all of an image, below which nothing can be said of those that are not
 FACTORS = {
     math.pi: "the 1 / pi of the BRDF is missing",
     1 / math.pi: "divided by pi twice",
@@ -43,23 +67,12 @@ FACTORS = {
     4 * math.pi: "the area of the sphere, 4 pi, is multiplied and should not be",
     1 / (4 * math.pi): "divided by the area of the sphere, 4 pi",
     math.pi**2: "multiplied by pi, and the 1 / pi of the BRDF is missing",
-    2.0: "twice too bright",
-    0.5: "half as bright as it should be",
+    2.0: "a factor of 2 is too much",
+    0.5: "a factor of 2 is missing",
 }
 
 
-@dataclass(frozen=True)
-class Expected:
-    """The relative RMSE that ``count`` samples leave: its mean, and the limits of nine of ten images."""
-
-    count: int
-    per_pixel: bool
-    mean: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class ImageCheck:
     """What :func:`check_image` found.
 
@@ -93,7 +106,9 @@ class ImageCheck:
     image: np.ndarray
     exact: np.ndarray
     file_shape: tuple[int, int]
-    notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<ImageCheck: {self.verdict}>"
 
     def to_dict(self) -> dict[str, object]:
         """Everything but the images, for JSON."""
@@ -119,272 +134,7 @@ class ImageCheck:
                 "relative_rmse_5_percent": self.expected.low,
                 "relative_rmse_95_percent": self.expected.high,
             },
-            "notes": list(self.notes),
         }
-
-
-def normals(resolution: int) -> np.ndarray:
-    """Unit normals of the disc's pixels, (P, 3) float64, in the order of ``image[disc_mask(resolution)]``."""
-    y, x = np.nonzero(disc_mask(resolution))
-    a, b = (2 * x + 1 - resolution) / resolution, (resolution - 2 * y - 1) / resolution
-    return np.stack([a, b, np.sqrt(np.maximum(0, 1 - a * a - b * b))], axis=1)
-
-
-def zernike(normal: np.ndarray) -> np.ndarray:
-    """Zernike polynomials up to degree 4 over the disc, orthonormal in the mean: (P, 15)."""
-    radius, angle = np.hypot(normal[:, 0], normal[:, 1]), np.arctan2(normal[:, 1], normal[:, 0])
-    columns = []
-    for n in range(DEGREE + 1):
-        for m in range(-n, n + 1, 2):
-            k = np.arange((n - abs(m)) // 2 + 1)
-            weights = [(-1) ** i * math.comb(n - i, i) * math.comb(n - 2 * i, (n - abs(m)) // 2 - i) for i in k]
-            radial = sum(w * radius ** (n - 2 * i) for w, i in zip(weights, k, strict=True))
-            turn = np.cos(m * angle) if m >= 0 else np.sin(-m * angle)
-            columns.append(radial * turn * math.sqrt((n + 1) * (1 if m == 0 else 2)))
-    return np.stack(columns, axis=1)
-
-
-class Model:
-    """What one sample drawn as the light is does to the image of a map."""
-
-    def __init__(self, device: Device, envmap: EnvironmentMap, albedo: float) -> None:
-        normal = normals(GRID)
-        samples = build_distribution(device, envmap).sample(SAMPLES, seed=0, sequence="sobol")
-        cosine = np.maximum(0, normal @ samples.direction.T.astype(np.float64))  # (P, S)
-        light = samples.flux * (SAMPLES * albedo / math.pi)  # of a set of that sample alone
-        of_cosine = cosine.T @ zernike(normal) / len(normal)
-        moments = (of_cosine[:, :, None] * light[:, None, :]).reshape(SAMPLES, -1)
-        self.covariance = np.cov(moments.T)
-        mean = cosine @ light / SAMPLES
-        self.variance = float(((cosine**2) @ (light**2) / SAMPLES - mean**2).mean() / (mean**2).mean())
-        self._few = cosine[::7], light, mean[::7]
-
-    def expected(self, count: int, per_pixel: bool) -> Expected:
-        """The relative RMSE that ``count`` samples leave."""
-        mean = math.sqrt(self.variance / count)
-        if per_pixel:  # many pixels, each with its own error: it hardly varies
-            return Expected(count, True, mean, 0.9 * mean, 1.1 * mean)
-        rng, taken = np.random.default_rng(0), min(count, 1024)
-        cosine, light, exact = self._few
-        errors = []
-        for _ in range(200):
-            chosen = rng.integers(0, SAMPLES, taken)
-            image = cosine[:, chosen] @ light[chosen] / taken
-            errors.append(relative_rmse(image, exact) * math.sqrt(taken / count))
-        low, high = np.percentile(errors, [5, 95])
-        return Expected(count, False, mean, float(low), float(high))
-
-
-def moments(basis: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Mean products of the disc's pixels (P, 3) with ``basis`` (P, 15): (45,)."""
-    return (basis.T @ pixels / len(pixels)).reshape(-1)
-
-
-def noise_of(basis: np.ndarray, residual: np.ndarray, side: int) -> np.ndarray:
-    """Covariance of the moments by noise of single pixels, from what is rough in ``residual`` (P, 3)."""
-    mask = disc_mask(side)
-    image = np.zeros((side, side, 3))
-    image[mask] = residual - basis @ (basis.T @ residual / len(residual))
-    rough = image - _box(image, 5) / np.maximum(_box(mask[..., None].astype(float), 5), 1)
-    rough[~mask] = 0
-    # Neighbours that are alike, as after a wide pixel filter, average out less.
-    whole = side // 4 * 4
-    blocks = image[:whole, :whole].reshape(whole // 4, 4, whole // 4, 4, 3).sum(axis=(1, 3))
-    alike = max(1.0, float((blocks**2).sum() / max((rough**2).sum(), 1e-300)))
-    values = rough[mask]
-    count, size = basis.shape[1], len(values)
-    result = np.zeros((count, 3, count, 3))
-    for c in range(3):
-        for d in range(3):
-            result[:, c, :, d] = (basis * (values[:, [c]] * values[:, [d]])).T @ basis
-    return result.reshape(3 * count, 3 * count) * (min(alike, 16.0) / size**2)
-
-
-def _box(image: np.ndarray, side: int) -> np.ndarray:
-    """Sums over ``side`` x ``side`` pixels round each pixel; outside the image is 0."""
-    before = side // 2 + 1
-    sums = np.pad(image, ((before, side // 2), (before, side // 2), (0, 0))).cumsum(axis=0).cumsum(axis=1)
-    return sums[side:, side:] - sums[side:, :-side] - sums[:-side, side:] + sums[:-side, :-side]
-
-
-def deviations(difference: np.ndarray, covariance: np.ndarray, size: float) -> float:
-    """How far off a normal number would be, in standard deviations, to be as unlikely as ``difference`` of moments.
-
-    ``size`` is the length of the moments, of which :data:`PRECISION` is always allowed.
-    """
-    values, vectors = np.linalg.eigh(covariance)
-    floor = (PRECISION * size) ** 2
-    freedom = max(1.0, float((np.maximum(values, 0) / (np.maximum(values, 0) + floor)).sum()))
-    share = float(((vectors.T @ difference) ** 2 / (np.maximum(values, 0) + floor)).sum()) / freedom
-    return (share ** (1 / 3) - (1 - 2 / (9 * freedom))) / math.sqrt(2 / (9 * freedom))
-
-
-def find_disc(image: np.ndarray) -> tuple[float, float, float]:
-    """Centre (x, y) and radius of the sphere, in pixels from the upper left corner, on a black background.
-
-    It is the smallest circle about all that is not black: of a sphere that is lit from one side, too, as the ends of
-    its terminator lie opposite each other. Without a black background it is the largest circle in the middle.
-    """
-    height, width = image.shape[:2]
-    whole = width / 2, height / 2, min(height, width) / 2
-    lit = (image != 0).any(axis=2)
-    rows = np.flatnonzero(lit.any(axis=1))
-    if len(rows) < 3 or lit.mean() > 0.95:
-        return whole
-    first, last = lit.argmax(axis=1)[rows], width - 1 - lit[:, ::-1].argmax(axis=1)[rows]
-    points = np.concatenate([np.stack([x, rows], axis=1) for x in (first, last)], dtype=np.float64)
-    points += 0.5
-    centre = points.mean(axis=0)
-    for step in range(1, 5000):  # Badoiu and Clarkson (2003)
-        away = points - centre
-        furthest = int((away**2).sum(axis=1).argmax())
-        centre = centre + away[furthest] / (step + 1)
-    radius = float(np.sqrt(((points - centre) ** 2).sum(axis=1).max())) + 0.05
-    # A pixel counts by its centre: a circle that is the image's own within a pixel is that one.
-    if max(abs(centre[0] - whole[0]), abs(centre[1] - whole[1]), abs(radius - whole[2])) < 1.5:
-        return whole
-    diameter, corner = round(2 * radius), np.round(centre - radius)
-    snapped = corner + diameter / 2
-    if abs(diameter - 2 * radius) < 0.6 and np.abs(snapped - centre).max() < 0.3:  # a whole image inside another
-        return float(snapped[0]), float(snapped[1]), diameter / 2
-    return float(centre[0]), float(centre[1]), radius
-
-
-def seen_in(image: np.ndarray, disc: tuple[float, float, float]) -> np.ndarray:
-    """The square of the sphere's diameter, (R, R, 3), R at most :data:`MAX_SIDE`; a larger one is taken in strides."""
-    x, y, radius = disc
-    whole = 2 * round(radius) if abs(2 * radius - round(2 * radius)) > 1e-9 else round(2 * radius)
-    side = whole
-    stride = -(-side // MAX_SIDE)
-    side //= stride
-    scale = 2 * radius / side
-    across = x - radius + scale * (np.arange(side) + 0.5) - 0.5
-    down = y - radius + scale * (np.arange(side) + 0.5) - 0.5
-    if stride > 1 or (np.abs(across - np.round(across)).max() < 1e-6 and np.abs(down - np.round(down)).max() < 1e-6):
-        rows, columns = (
-            np.clip(np.round(v).astype(int), 0, n - 1) for v, n in zip((down, across), image.shape, strict=False)
-        )
-        return image[rows[:, None], columns].astype(np.float64)
-
-    def spans(at: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        first = np.clip(np.floor(at).astype(int), 0, max(count - 2, 0))
-        return first, np.minimum(first + 1, count - 1), np.clip(at - first, 0, 1)
-
-    y0, y1, v = spans(down, image.shape[0])
-    x0, x1, u = spans(across, image.shape[1])
-    v, u = v[:, None, None], u[None, :, None]
-    wide = image.astype(np.float64)
-    upper = wide[y0[:, None], x0] * (1 - u) + wide[y0[:, None], x1] * u
-    lower = wide[y1[:, None], x0] * (1 - u) + wide[y1[:, None], x1] * u
-    return upper * (1 - v) + lower * v
-
-
-def blocks_of(radiance: np.ndarray, rows: int) -> tuple[np.ndarray, np.ndarray]:
-    """Lights of blocks of the map's pixels, about ``rows`` rows of them: mean directions (N, 3), and flux (N, 3)."""
-    height, width = radiance.shape[:2]
-    flux = (radiance * solid_angles(height, width)[:, None, None]).reshape(-1, 3)
-    towards = directions(row_angles(height)[:, None], column_angles(width)[None]).reshape(-1, 3)
-    y, x = np.arange(height) // max(1, height // rows), np.arange(width) // max(1, width // (2 * rows))
-    block = (y[:, None] * (x[-1] + 1) + x).reshape(-1)
-    count = int(block[-1]) + 1
-    light = flux.mean(axis=1)
-    sums = np.stack([np.bincount(block, light * towards[:, c], count) for c in range(3)], axis=1)
-    total = np.stack([np.bincount(block, flux[:, c], count) for c in range(3)], axis=1)
-    lit = total.any(axis=1)
-    return sums[lit] / np.linalg.norm(sums[lit], axis=1, keepdims=True), total[lit]
-
-
-def irradiance_of(direction: np.ndarray, flux: np.ndarray) -> Irradiance:
-    """The irradiance of lights as a function of a vector: sum of flux max(0, n . w)."""
-
-    def irradiance(vector: np.ndarray) -> np.ndarray:
-        parts = np.array_split(vector, 1 + len(vector) // 1024)
-        return np.concatenate([np.maximum(0, part @ direction.T) @ flux for part in parts])
-
-    return irradiance
-
-
-# How the normals of an image may be turned before they meet the light; y is up, z towards the camera.
-TURNS = {
-    "": np.diag([1.0, 1, 1]),
-    "mirrored left to right": np.diag([-1.0, 1, 1]),
-    "mirrored front to back, as if phi ran the other way": np.diag([1.0, 1, -1]),
-    "upside down": np.diag([1.0, -1, 1]),
-    "turned by 180 degrees in the image": np.diag([-1.0, -1, 1]),
-    "turned by 90 degrees in the image": np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]]),
-    "turned by 270 degrees in the image": np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]),
-    "x and y exchanged in the image": np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]]),
-    "z taken for up": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
-    "z taken for down": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
-    "z taken for up, and mirrored": np.array([[-1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
-    "z taken for down, and mirrored": np.array([[-1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
-}
-
-
-@dataclass(frozen=True)
-class Orientation:
-    """How normals are turned: by one of :data:`TURNS`, then by ``yaw`` degrees about +y."""
-
-    turn: str
-    yaw: float
-
-    @property
-    def matrix(self) -> np.ndarray:
-        c, s = math.cos(math.radians(self.yaw)), math.sin(math.radians(self.yaw))
-        return np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]]) @ TURNS[self.turn]
-
-    def __str__(self) -> str:
-        yaw = f"the map turned by {self.yaw:g} degrees about the vertical" if self.yaw else ""
-        return " and ".join(part for part in (self.turn, yaw) if part)
-
-
-def find_orientation(irradiance: Irradiance, normal: np.ndarray, pixels: np.ndarray) -> Orientation:
-    """That which makes the irradiance most like ``pixels`` (P, 3) at ``normal`` (P, 3), brightness apart."""
-    rows, columns = 90, 180
-    table = irradiance(directions(row_angles(rows)[:, None], column_angles(columns)[None]).reshape(-1, 3))
-    table = table.reshape(rows, columns, 3)
-
-    def looked_up(vector: np.ndarray) -> np.ndarray:
-        y = np.arccos(np.clip(vector[:, 1], -1, 1)) / np.pi * rows - 0.5
-        x = np.arctan2(vector[:, 2], vector[:, 0]) / (2 * np.pi) * columns - 0.5
-        y0, x0 = np.floor(y).astype(int), np.floor(x).astype(int)
-        v, u = (y - y0)[:, None], (x - x0)[:, None]
-        upper, lower = np.clip(y0, 0, rows - 1), np.clip(y0 + 1, 0, rows - 1)
-        left, right = x0 % columns, (x0 + 1) % columns
-        above = table[upper, left] * (1 - u) + table[upper, right] * u
-        below = table[lower, left] * (1 - u) + table[lower, right] * u
-        return above * (1 - v) + below * v
-
-    few = slice(None, None, max(1, len(normal) // 400))
-    normal, pixels = normal[few], pixels[few]
-    size = (pixels**2).sum(axis=0)
-
-    def unlike(orientation: Orientation) -> float:
-        seen = looked_up(normal @ orientation.matrix.T)
-        fitted = (seen * pixels).sum(axis=0) ** 2 / np.maximum((seen**2).sum(axis=0), 1e-300)
-        return float((size - fitted).sum())
-
-    best = min((Orientation(turn, yaw) for turn in TURNS for yaw in range(0, 360, 5)), key=unlike)
-    finer = [Orientation(best.turn, (best.yaw + step / 2) % 360) for step in range(-10, 11)]
-    best = min([best, *finer], key=unlike)
-    # Quarter turns are what people make; of several ways to say the same, that without a turn of the map.
-    quarters = [Orientation(turn, yaw) for yaw in (0, 90, 180, 270) for turn in TURNS]
-    return next((near for near in quarters if np.abs(near.matrix - best.matrix).max() < math.radians(3)), best)
-
-
-@dataclass(frozen=True)
-class _Hypothesis:
-    """An explanation: the image of the disc at :data:`GRID` pixels that it expects, (P, 3)."""
-
-    pixels: np.ndarray
-    cause: Cause | None = None
-    orientation: Orientation | None = None
-    scaled: bool = False
-
-    @property
-    def simplicity(self) -> float:
-        """Standard deviations that a hypothesis must be better by than the simplest one."""
-        return 2.0 * self.scaled + 1.0 * (self.cause is not None) + 1.5 * (self.orientation is not None)
 
 
 def check_image(
@@ -427,196 +177,444 @@ def check_image(
         raise LightdomeError(
             "the map is black, or the albedo 0: every image of it is black, and there is nothing to check"
         )
-    return _Check(device, image, envmap, count, spp is not None, albedo, linear).result()
+    return Reference(device, envmap, albedo).check(image, count, spp is not None, linear)
+
+
+@dataclass(frozen=True)
+class _Hypothesis:
+    """An explanation: the image of the disc at :data:`GRID` pixels that it expects, (P, 3).
+
+    ``covariance`` is that of the moments of one sample, if it is not the right image's.
+    Its brightness counts with ``factors`` 0; 1 is a factor of its own, and 3 one for each channel.
+    """
+
+    pixels: np.ndarray
+    cause: Cause | None = None
+    orientation: Orientation | None = None
+    covariance: np.ndarray | None = None
+    factors: int = 0
+    is_named: bool = False  # the factor is one that people make
+
+    @property
+    def simplicity(self) -> float:
+        """Standard deviations that a hypothesis must be better by than the simplest one."""
+        factors = 1.0 if self.is_named else 2.0 * self.factors**0.5
+        if self.cause is not None and self.cause.about:
+            factors = 0.0
+        return factors + 1.0 * (self.cause is not None) + 1.5 * (self.orientation is not None)
+
+
+class Reference:
+    """What images under a map are checked against; one serves many images. The arguments are :func:`check_image`'s."""
+
+    def __init__(self, device: Device, envmap: EnvironmentMap, albedo: float = 1.0) -> None:
+        self.device, self.envmap, self.albedo = device, envmap, albedo
+        self.grid = normals(GRID)
+        self.basis = zernike(self.grid)
+        self.mask = disc_mask(GRID)
+        self.sampling = Sampling(envmap, albedo, self.grid)
+        self.right = self._pixels(exact(device, envmap, GRID, albedo))
+
+    def check(
+        self, image: np.ndarray, count: int | None = None, per_pixel: bool = False, linear: bool = True
+    ) -> ImageCheck:
+        """Check an image (h, w, 3) of ``count`` samples, which its pixels share unless ``per_pixel``."""
+        return _Check(self, image, count, per_pixel, linear).result()
+
+    def _pixels(self, image: np.ndarray) -> np.ndarray:
+        return image[self.mask].astype(np.float64)
+
+    @cached_property
+    def small(self) -> EnvironmentMap:
+        """The map, or one of fewer rows if it has many."""
+        height, width = self.envmap.height, self.envmap.width
+        step = -(-height // MAP_ROWS)
+        if step == 1:
+            return self.envmap
+        area = solid_angles(height, width)[:, None, None].astype(np.float32)
+        across = np.add.reduceat(self.envmap.radiance, np.arange(0, width, step), axis=1)
+        across /= np.diff(np.arange(0, width + step, step).clip(max=width))[:, None]
+        rows = np.arange(0, height, step)
+        return EnvironmentMap(np.add.reduceat(across * area, rows) / np.add.reduceat(area, rows))
+
+    @cached_property
+    def blocks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Lights of blocks of pixels, 64 rows of them: rows (N,) and columns (N,) of the map, and flux (N, 3)."""
+        radiance = self.small.radiance.astype(np.float64)
+        height, width = radiance.shape[:2]
+        flux = (radiance * solid_angles(height, width)[:, None, None]).reshape(-1, 3)
+        y, x = np.divmod(np.arange(height * width), width)
+        step = max(1, height // 64)
+        block = (y // step) * (-(-width // step)) + x // step
+        light = flux.mean(axis=1)
+        sums = np.bincount(block, light)
+        lit = sums > 0
+        row, column = (np.bincount(block, light * at)[lit] / sums[lit] for at in (y, x))
+        total = np.stack([np.bincount(block, flux[:, c])[lit] for c in range(3)], axis=1)
+        # In pixels of the map itself, centres of which are whole numbers.
+        by = self.envmap.height / height, self.envmap.width / width
+        return (row + 0.5) * by[0] - 0.5, (column + 0.5) * by[1] - 0.5, total
+
+    @cached_property
+    def light(self) -> Irradiance:
+        """What the surface reflects of the blocks, as a function of vectors (N, 3) of any length."""
+        row, column, flux = self.blocks
+        height, width = self.envmap.height, self.envmap.width
+        direction = directions(np.pi * (row + 0.5) / height, 2 * np.pi * (column + 0.5) / width)
+        direction = direction.astype(np.float32)
+        flux = (flux * (self.albedo / math.pi)).astype(np.float32)
+
+        def irradiance(vector: np.ndarray) -> np.ndarray:
+            parts = np.array_split(vector.astype(np.float32), 1 + len(vector) // 1024)
+            return np.concatenate([np.maximum(0, part @ direction.T) @ flux for part in parts])
+
+        return irradiance
+
+    @cached_property
+    def seen(self) -> np.ndarray:
+        """The disc's pixels lit by the blocks."""
+        return self.light(self.grid)
+
+    @cached_property
+    def table(self) -> np.ndarray:
+        return table_of(self.light)
+
+    @cached_property
+    def causes(self) -> list[tuple[Cause, np.ndarray, np.ndarray | None]]:
+        """The known mistakes that this map can show, what the disc looks like with each, and the covariance then."""
+        result = []
+        with Progress("making what mistakes look like") as progress:
+            for i, cause in enumerate(CAUSES):
+                seen = self._with(cause)
+                if seen is not None:
+                    result.append((cause, *seen))
+                progress.update((i + 1) / len(CAUSES))
+        return result
+
+    def _with(self, cause: Cause) -> tuple[np.ndarray, np.ndarray | None] | None:
+        """The disc's pixels with that mistake and the covariance, None if this map does not show it."""
+        drawn = self.drawn
+        if cause.picture:
+            return cause.picture(self.right), None
+        if cause.surface:
+            pixels = self.right + cause.surface(self.light, self.grid) - self.seen
+            cosine = cause.surface(lambda vector: np.maximum(0, vector @ drawn.direction.T), self.grid[::FEW])
+            return pixels, self.covariance(cosine, drawn)
+        if cause.placed:
+            height, width = self.envmap.height, self.envmap.width
+            row, column, flux = self.blocks
+            image = shade(self.device, directions(*cause.placed(row, column, height, width)), flux, GRID, self.albedo)
+            placed = directions(*cause.placed(drawn.row, drawn.column, height, width))
+            return self.right + self._pixels(image) - self.seen, self.covariance_of(placed, drawn)
+        assert cause.effect
+        if cause.by_pixels and self.small is not self.envmap:
+            return None
+        with np.errstate(over="ignore"):
+            radiance = np.minimum(cause.effect(self.small.radiance.astype(np.float64)), np.finfo(np.float32).max)
+        if np.array_equal(radiance.astype(np.float32), self.small.radiance):
+            return None
+        other = EnvironmentMap(radiance)
+        of_other = population(other, DRAWN)
+        pixels = self._pixels(exact(self.device, other, GRID, self.albedo))
+        return pixels, self.covariance_of(of_other.direction, of_other)
+
+    @cached_property
+    def drawn(self) -> Population:
+        return population(self.envmap, DRAWN)
+
+    def covariance_of(self, direction: np.ndarray, drawn: Population) -> np.ndarray:
+        """That of the moments of one of the samples, if they come from these directions."""
+        return self.covariance(np.maximum(0, self.grid[::FEW] @ direction.T), drawn)
+
+    def covariance(self, cosine: np.ndarray, drawn: Population) -> np.ndarray:
+        """That of the moments of one of the samples, if they have these cosines with every fourth normal."""
+        each = moments_of_each(cosine, self.basis[::FEW], drawn.light * self.albedo, drawn.probability)
+        return (each * drawn.probability[:, None]).T @ each
+
+    @cached_property
+    def factors(self) -> dict[float, str]:
+        """Factors that mistakes multiply the brightness by."""
+        area = solid_angles(self.envmap.height, self.envmap.width)
+        rows = self.envmap.radiance.mean(axis=2, dtype=np.float64).sum(axis=1)
+        flux = float((rows * area).sum())
+        named = {
+            **FACTORS,
+            1 / flux: "the total flux of the map is missing",
+            float(rows.sum()) / flux: "the sum of luminance without solid angles is used for the total flux",
+        }
+        if abs(self.albedo - 1) > 0.01:
+            named |= {1 / self.albedo: "the albedo is missing", math.pi / self.albedo: "albedo / pi is missing"}
+        return named
 
 
 class _Check:
     def __init__(
-        self,
-        device: Device,
-        image: np.ndarray,
-        envmap: EnvironmentMap,
-        count: int | None,
-        per_pixel: bool,
-        albedo: float,
-        linear: bool,
+        self, reference: Reference, image: np.ndarray, count: int | None, per_pixel: bool, linear: bool
     ) -> None:
-        self.device, self.envmap, self.count, self.albedo, self.linear = device, envmap, count, albedo, linear
+        self.reference, self.count, self.per_pixel, self.linear = reference, count, per_pixel, linear
         self.file_shape = image.shape[:2]
         self.disc = find_disc(image)
         self.image = seen_in(image, self.disc)
         side = len(self.image)
-        if not linear:
-            self.image = seen_in(self.image, (side / 2, side / 2, side / 2))
         mask = disc_mask(side)
         self.normal, self.pixels = normals(side), self.image[mask]
-        self.basis = zernike(self.normal)
-        exact_images = [
-            exact_kept(device, envmap, side, which).astype(np.float64) * albedo for which in ("centres", "areas")
-        ]
-        if linear:  # either integral is right: that which is closer
-            self.exact = min(exact_images, key=lambda e: float(((e[mask] - self.pixels) ** 2).sum()))
-        else:
-            self.exact = exact_images[0]
+        self.basis, self.grid_basis = zernike(self.normal), reference.basis
+        self.precision = PRECISION if linear else PICTURE_PRECISION
+        self.valid, self.is_white = np.ones(len(self.pixels), bool), False
+        if not linear:  # what is clipped to white says nothing
+            self.valid = (self.pixels < WHITE**GAMMA).all(axis=1)
+            self.is_white = self.valid.mean() < 0.2
+            self.valid |= self.is_white
+            at = (2 * np.arange(GRID) + 1) * side // (2 * GRID)
+            valid = np.ones((side, side), bool)
+            valid[mask] = self.valid
+            self.basis = self.basis * self.valid[:, None]
+            self.grid_basis = self.grid_basis * valid[at[:, None], at][reference.mask][:, None]
+        both: tuple[Literal["centres", "areas"], ...] = ("centres", "areas")  # either is right: that which is closer
+        images = [exact_kept(reference.device, reference.envmap, side, pixels) for pixels in both]
+        self.exact = min(
+            (image.astype(np.float64) * reference.albedo for image in images),
+            key=lambda e: float(((e[mask] - self.pixels) ** 2).sum()) if linear else 0.0,
+        )
         self.truth = self.exact[mask]
-        self.model = Model(device, envmap, albedo)
-        self.expected = self.model.expected(count, per_pixel) if count else None
+        sampling = reference.sampling
+        self.expected = sampling.expected(count, per_pixel) if count else None
         self.shared = count is not None and not per_pixel
-
-        self.grid = normals(GRID)
-        self.grid_basis = zernike(self.grid)
-        self.grid_mask = disc_mask(GRID)
-        self.true_grid = exact(device, envmap, GRID, albedo).astype(np.float64)[self.grid_mask]
         self.moments = moments(self.basis, self.pixels)
         self.true_moments = moments(self.basis, self.truth)
-        self.size = float(np.linalg.norm(self.moments))
-        self.noise = noise_of(self.basis, self.pixels - self.truth, side)
+        self.of_samples = count if self.shared else None  # that its pixels share
+        self.spread = self._spread()
 
-    def factor(self, hypothesis: _Hypothesis) -> float:
-        """The factor on the brightness that fits best."""
-        expected = self._expected(hypothesis)
-        return float(self.moments @ expected / max(expected @ expected, 1e-300)) if hypothesis.scaled else 1.0
+    @cached_property
+    def noise(self) -> np.ndarray:
+        """Covariance of the moments by noise of single pixels."""
+        return noise_of(self.basis, self.pixels - self.truth, len(self.image))
 
-    def _expected(self, hypothesis: _Hypothesis) -> np.ndarray:
-        return self.true_moments + moments(self.grid_basis, hypothesis.pixels - self.true_grid)
+    def _spread(self, drawn: bool = True) -> Spread:
+        """How the moments' size is spread over right images, by sets that are ``drawn`` where that is quick."""
+        covariance, sampling = self._covariance(self.true_moments), self.reference.sampling
+        if self.of_samples is None or self.of_samples > MOST_DRAWN or not drawn:
+            floor = self.precision**2 * float(self.true_moments @ self.true_moments)
+            share = 1 - floor / np.linalg.eigvalsh(covariance)
+            return Spread(max(1.0, float(share.sum())))
+        sets = sampling.sets(self.of_samples)
+        return Spread.of(np.einsum("si,si->s", sets, np.linalg.solve(covariance, sets.T).T))
+
+    def _covariance(self, expected: np.ndarray, of_one: np.ndarray | None = None, factor: float = 1.0) -> np.ndarray:
+        """That of the moments of an image whose mean ones are ``expected``, from that ``of_one`` sample."""
+        true_size = float(self.true_moments @ self.true_moments)
+        size = max(float(expected @ expected), 1e-12 * true_size)
+        floor = np.eye(len(expected)) * (self.precision**2 * size)
+        if self.of_samples is None:
+            return self.noise + floor
+        if of_one is None:
+            return self.reference.sampling.covariance * (size / true_size / self.of_samples) + floor
+        return of_one * (factor**2 / self.of_samples) + floor
+
+    def _unscaled(self, hypothesis: _Hypothesis) -> np.ndarray:
+        """The moments that it expects, but for factors."""
+        return self.true_moments + moments(self.grid_basis, hypothesis.pixels - self.reference.right)
+
+    def factor(self, hypothesis: _Hypothesis) -> np.ndarray:
+        """The factor on the brightness of each channel that fits best, (3,)."""
+        expected = self._unscaled(hypothesis)
+        if not hypothesis.factors:
+            return np.ones(3)
+        split = np.zeros((len(expected), hypothesis.factors))  # moments are in the order of polynomial, channel
+        split[np.arange(len(expected)), np.arange(len(expected)) % hypothesis.factors] = expected
+        rough = float(self.moments @ expected) / max(float(expected @ expected), 1e-300)
+        weighted = np.linalg.solve(self._covariance(expected * rough, hypothesis.covariance, rough), split)
+        return np.resize(np.linalg.lstsq(split.T @ weighted, weighted.T @ self.moments, rcond=None)[0], 3)
 
     def off(self, hypothesis: _Hypothesis) -> float:
-        """Standard deviations between the image and what a hypothesis expects."""
+        """Standard deviations between the image and what a hypothesis expects, with the factors that fit best."""
         factor = self.factor(hypothesis)
-        covariance = self.noise
-        if self.shared:
-            covariance = covariance + self.model.covariance * (factor**2 / self.count)
-        return deviations(self.moments - factor * self._expected(hypothesis), covariance, self.size)
+        expected = self._unscaled(hypothesis) * np.resize(factor, self.moments.shape)
+        covariance = self._covariance(expected, hypothesis.covariance, float(factor.mean()))
+        difference = self.moments - expected
+        return self.spread.deviations(float(difference @ np.linalg.solve(covariance, difference)))
 
     def hypotheses(self) -> list[_Hypothesis]:
         """All explanations but the image's being right."""
-        radiance = self.envmap.radiance.astype(np.float64)
-        result = [_Hypothesis(self.true_grid, scaled=True)]
-        light = irradiance_of(*blocks_of(radiance, 64))
-        reflected = self.albedo / math.pi
-
-        def seen(normal: np.ndarray) -> np.ndarray:
-            return light(normal) * reflected
-
-        orientation = find_orientation(light, self.normal, self.pixels)
+        reference = self.reference
+        scales = (0, 1, 3) if self.linear else (1,)
+        result = [_Hypothesis(reference.right, factors=scale) for scale in scales if scale]
+        orientation = find_orientation(reference.table, self.normal, self.pixels)
         if str(orientation):
-            turned = self.true_grid + seen(self.grid @ orientation.matrix.T) - seen(self.grid)
-            result += [_Hypothesis(turned, orientation=orientation, scaled=scaled) for scaled in (False, True)]
-        for cause in CAUSES:
-            if cause.picture:
-                pixels = cause.picture(self.true_grid)
-            elif cause.surface:
-                pixels = self.true_grid + reflected * cause.surface(light, self.grid) - seen(self.grid)
-            else:
-                assert cause.effect is not None
-                with np.errstate(over="ignore"):
-                    other = np.minimum(cause.effect(radiance), np.finfo(np.float32).max).astype(np.float32)
-                if np.array_equal(other, self.envmap.radiance):
-                    continue  # this map does not show it
-                pixels = exact(self.device, EnvironmentMap(other), GRID, self.albedo).astype(np.float64)[self.grid_mask]
-            scales = (False, True) if cause.exposed else (True,)
-            result += [_Hypothesis(pixels, cause=cause, scaled=scaled) for scaled in scales]
-        return result
+            turned = reference.right + reference.light(reference.grid @ orientation.matrix.T) - reference.seen
+            covariance = reference.covariance_of(reference.drawn.direction @ orientation.matrix, reference.drawn)
+            result += [
+                _Hypothesis(turned, orientation=orientation, covariance=covariance, factors=scale)
+                for scale in scales[:2]
+            ]
+        for cause, pixels, covariance in reference.causes:
+            if cause.picture and not self.linear:
+                continue
+            result += [
+                _Hypothesis(pixels, cause=cause, covariance=covariance, factors=n)
+                for n in (cause.factors if self.linear else (1,))
+            ]
+        return [self._named(h) for h in result if self._is_as_bright(h)]
+
+    def _is_as_bright(self, hypothesis: _Hypothesis) -> bool:
+        """Whether the brightness is about what it is with the cause, where that is known roughly."""
+        about = self.linear and hypothesis.cause is not None and hypothesis.cause.about
+        return not about or 0.6 < self.factor(hypothesis)[0] < 1.6
+
+    def _named(self, hypothesis: _Hypothesis) -> _Hypothesis:
+        """The same, and whether people make its factor."""
+        if hypothesis.factors != 1 or hypothesis.cause or not self.linear:
+            return hypothesis
+        return replace(hypothesis, is_named=bool(self._reason(float(self.factor(hypothesis)[0]))))
 
     def result(self) -> ImageCheck:
-        right = _Hypothesis(self.true_grid, scaled=not self.linear)
+        right = _Hypothesis(self.reference.right, factors=0 if self.linear else 1)
         off = self.off(right)
-        rmse = relative_rmse(self.pixels * (1 if self.linear else 1 / self.factor(right)), self.truth)
-        noisy = self.expected is not None and rmse > 2 * self.expected.high
-        if off < LIMIT and not noisy:
-            return self._told(True, self._agreement(rmse, off), right, off, rmse)
-        if self.expected is None and rmse < CONVERGED:
-            return self._told(True, f"agrees: relative RMSE {rmse:.2%}", right, off, rmse)
-        tried = [(self.off(h), h) for h in self.hypotheses()]
-        best_off, best = min(tried, key=lambda pair: pair[0] + pair[1].simplicity)
-        explains = best_off < LIMIT or best_off < 0.25 * off
-        if explains:
-            return self._told(False, self._explanation(best), best, off, rmse)
-        if self.expected is None:
-            return self._told(
-                None,
-                f"cannot tell: relative RMSE {rmse:.2%}; give the number of samples with --samples or --spp",
-                right,
-                off,
-                rmse,
-            )
+        factor = 1.0 if self.linear else float(self.factor(right)[0])
+        used = self.valid
+        rmse = relative_rmse(self.pixels[used], self.truth[used] * factor) if factor else 1.0
+        told = self._teller(off, rmse)
+        if not self.pixels.any():
+            return told(False, "does not agree: the image is black", right)
+        if self.is_white:
+            return told(None, "cannot tell: nearly all of the picture is white; make it darker", right)
         if off < LIMIT:
-            return self._told(
-                True,
-                f"agrees, with more noise than {self.expected.count} samples drawn as the light leave: relative RMSE"
-                f" {rmse:.2%}, expected {self.expected.mean:.2%}",
+            return told(True, self._agreement(rmse), right)
+        if self.count is None and rmse < CONVERGED:
+            return told(True, f"agrees: relative RMSE {rmse:.2%}", right)
+        if not self.shared:
+            by_cosine, noisy, events = self._by_cosine()
+            if by_cosine < LIMIT and noisy:
+                return told(True, f"agrees: relative RMSE {rmse:.2%}, as directions drawn by the cosine leave", right)
+            if by_cosine < LIMIT and events < EVENTS:
+                return told(
+                    None,
+                    f"cannot tell: relative RMSE {rmse:.2%}; if directions are drawn by the cosine, so few of them may"
+                    " miss lamps of this map altogether; give an image of more pixels, or of more samples per pixel"
+                    + (", and their number with --samples or --spp" if self.count is None else ""),
+                    right,
+                )
+        most = self._samples_that_agree(right) if self.count is None else 0
+        if self.count is None:
+            self.of_samples = max(FEWEST, most) * TIMES
+            self.spread = self._spread()
+        tried = sorted(((self.off(h) + h.simplicity, h) for h in self.hypotheses()), key=lambda pair: pair[0])
+        score, best = tried[0]
+        if score - best.simplicity < max(LIMIT, EXPLAINED * off):
+            name = self._explanation(best)
+            rivals = {self._name(h): h for other, h in tried[1:] if other < score + CLEAR}
+            rivals.pop(self._name(best), None)
+            if not rivals:
+                return told(False, f"does not agree; {name}", best)
+            others = ", or ".join(self._explanation(h) for h in rivals.values())
+            return told(False, f"does not agree; either {name}, or {others}", right)
+        if most:
+            return told(
+                None,
+                f"cannot tell: relative RMSE {rmse:.2%}, which is right for at most {most} samples that all pixels"
+                " share; give their number with --samples, or with --spp that of each pixel",
                 right,
-                off,
-                rmse,
             )
-        return self._told(
-            False, f"biased by {off:.0f} standard deviations, for no reason that is known here", right, off, rmse
-        )
+        return told(False, f"biased by {off:.0f} standard deviations, for no reason that is known here", right)
 
-    def _agreement(self, rmse: float, off: float) -> str:
+    def _samples_that_agree(self, hypothesis: _Hypothesis) -> int:
+        """The largest power of two of shared samples that would leave so much, 0 if none."""
+        for power in range(30, 3, -1):
+            self.of_samples = 2**power
+            self.spread = self._spread(drawn=False)
+            if self.off(hypothesis) < LIMIT / 2:
+                return self.of_samples
+        return 0
+
+    def _by_cosine(self) -> tuple[float, bool, float]:
+        """Of an image whose directions are drawn by the cosine: how far off it is in standard deviations, whether it
+        is as noisy, and in how many samples all of its light would come if each had as much."""
+        sampling, basis = self.reference.sampling, self.reference.basis
+        square = sampling.square_by_cosine()
+        count = (self.count or 1) * len(self.pixels)
+        drawn = np.zeros((basis.shape[1], 3, basis.shape[1], 3))
+        for c in range(3):
+            drawn[:, c, :, c] = (basis * square[:, [c]]).T @ basis / (len(basis) * count)
+        of_pixels = drawn.reshape(self.noise.shape)
+        noisy = float(np.trace(self.noise) / np.trace(of_pixels))
+        difference = self.moments - self.true_moments
+        covariance = of_pixels * min(1.5 * noisy, 1) + self._covariance(self.true_moments)
+        size = float(difference @ np.linalg.solve(covariance, difference))
+        events = count * float((sampling.mean**2).mean() / square.mean())
+        return Spread(len(difference)).deviations(size), noisy > 0.2, events
+
+    def _agreement(self, rmse: float) -> str:
         if self.expected is None:
             return f"agrees: relative RMSE {rmse:.2%}, all of it noise"
         e = self.expected
         per = "samples per pixel" if e.per_pixel else "samples"
-        within = "less than" if rmse < e.low else "within what" if rmse <= e.high else "little more than"
+        within = "less than" if rmse < e.low else "within what" if rmse <= e.high else "more than"
+        drawn = " drawn as the light is" if rmse > 2 * e.high else ""
         return (
-            f"agrees: relative RMSE {rmse:.2%}, {within} {e.count} {per} leave ({e.mean:.2%}, expected {e.low:.2%} to"
-            f" {e.high:.2%})"
+            f"agrees: relative RMSE {rmse:.2%}, {within} {e.count} {per}{drawn} leave ({e.mean:.2%}, expected"
+            f" {e.low:.2%} to {e.high:.2%})"
         )
+
+    def _name(self, hypothesis: _Hypothesis) -> tuple[str, ...]:
+        """What hypotheses that say the same have in common."""
+        cause = hypothesis.cause.name if hypothesis.cause else ""
+        return cause, str(hypothesis.orientation or "")
 
     def _explanation(self, best: _Hypothesis) -> str:
         said = []
         if best.cause:
             said.append(f"{best.cause.name}: {best.cause.what}")
         if best.orientation:
-            said.append(str(best.orientation))
+            said.append(best.orientation.told())
         factor = self.factor(best)
-        if best.scaled and self.linear and abs(factor - 1) > 0.01 and not (best.cause and not best.cause.exposed):
-            said.append(self._brightness(factor))
-        return "does not agree; " + "; ".join(said)
+        if best.factors and self.linear and not (best.cause and 0 not in best.cause.factors):
+            said.append(self._brightness(factor) if best.factors == 1 else self._colours(factor))
+        return "; ".join(said) or "the image is right but for its brightness"
 
-    def _brightness(self, factor: float) -> str:
+    def _colours(self, factor: np.ndarray) -> str:
+        return "red {:.4g}, green {:.4g}, blue {:.4g} times too bright, and otherwise right".format(*factor)
+
+    def _brightness(self, factors: np.ndarray) -> str:
+        factor = float(factors[0])
+        return f"{factor:.4g} times too bright{self._reason(factor) or ', for no reason that is known here'}"
+
+    def _reason(self, factor: float) -> str:
+        """ ": " and what makes an image ``factor`` times too bright, else ""."""
         tolerance = 0.02 if not self.expected else max(0.02, 2 * self.expected.mean)
-        area = solid_angles(self.envmap.height, self.envmap.width)[:, None]
-        light = luminance(self.envmap.radiance.astype(np.float64))
-        flux = float((light * area).sum())
-        named = {
-            **FACTORS,
-            1 / flux: "the total flux of the map is missing",
-            float(light.sum()) / flux: "the sum of luminance without solid angles is used for the total flux",
-            self.albedo**-1: "the albedo is missing",
-            math.pi / self.albedo: "albedo / pi is missing",
-        }
-        close = [(abs(math.log(factor / value)), name) for value, name in named.items() if factor > 0 and value != 1]
+        close = [(abs(math.log(factor / value)), name) for value, name in self.reference.factors.items() if factor > 0]
         distance, name = min(close, default=(math.inf, ""))
-        if distance < tolerance:
-            return f"{factor:.4g} times too bright: {name}"
-        return f"{factor:.4g} times too bright, for no reason that is known here"
+        return f": {name}" if distance < tolerance else ""
 
-    def _told(self, agrees: bool | None, verdict: str, best: _Hypothesis, off: float, rmse: float) -> ImageCheck:
-        factor = self.factor(best)
-        expected = self._expected(best).reshape(-1, 3)
-        found = self.moments.reshape(-1, 3)
-        by_channel = (found * expected).sum(axis=0) / np.maximum((expected**2).sum(axis=0), 1e-300)
-        truth = self.exact * (1 if self.linear else factor)
-        mean = truth[disc_mask(len(truth))].mean(axis=0)
-        bias = np.divide(self.pixels.mean(axis=0) - mean, mean, out=np.zeros(3), where=mean > 0)
-        error = np.abs(np.where(disc_mask(len(truth))[..., None], self.image - truth, 0)).max(axis=2)
-        y, x = np.unravel_index(error.argmax(), error.shape)
-        return ImageCheck(
-            agrees=agrees,
-            verdict=verdict,
-            cause=best.cause,
-            orientation=str(best.orientation or ""),
-            factor=by_channel,
-            disc=self.disc,
-            relative_rmse=rmse,
-            bias=bias,
-            largest_error=float(error[y, x]),
-            largest_at=(int(x), int(y)),
-            deviations=off,
-            expected=self.expected,
-            image=self.image,
-            exact=truth,
-            file_shape=self.file_shape,
-        )
+    def _teller(self, off: float, rmse: float) -> Callable[[bool | None, str, _Hypothesis], ImageCheck]:
+        """A function that makes the result of whether the image agrees, the verdict, and the best hypothesis."""
+        shape = len(self.exact)
+
+        def told(agrees: bool | None, verdict: str, best: _Hypothesis) -> ImageCheck:
+            factor = self.factor(_Hypothesis(best.pixels, factors=1)) if not self.linear else np.ones(3)
+            expected = self._unscaled(best)
+            found, of_best = self.moments.reshape(-1, 3), expected.reshape(-1, 3)
+            by_channel = (found * of_best).sum(axis=0) / np.maximum((of_best**2).sum(axis=0), 1e-300)
+            truth = self.exact * factor if self.linear else np.minimum(self.exact * factor, 1)
+            mean = truth[disc_mask(shape)].mean(axis=0)
+            bias = np.divide(self.pixels.mean(axis=0) - mean, mean, out=np.zeros(3), where=mean > 0)
+            error = np.abs(np.where(disc_mask(shape)[..., None], self.image - truth, 0)).max(axis=2)
+            y, x = np.unravel_index(error.argmax(), error.shape)
+            return ImageCheck(
+                agrees=agrees,
+                verdict=verdict,
+                cause=best.cause,
+                orientation=str(best.orientation or ""),
+                factor=by_channel,
+                disc=self.disc,
+                relative_rmse=rmse,
+                bias=bias,
+                largest_error=float(error[y, x]),
+                largest_at=(int(x), int(y)),
+                deviations=off,
+                expected=self.expected,
+                image=self.image,
+                exact=truth,
+                file_shape=self.file_shape,
+            )
+
+        return told

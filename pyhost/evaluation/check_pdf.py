@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -11,11 +12,34 @@ from .. import checks
 from ..errors import LightdomeError
 from ..maps.envmap import EnvironmentMap
 from ..maps.geometry import solid_angles
+from ..maps.images import READABLE, read_image
 from .check_laws import laws, right
 from .check_samples import CAUSES_OF_SAMPLES, CLOSE, Located, factor_named
-from .check_tables import TableCheck, cause_named
+from .check_tables import TableCheck, cause_named, column, directions_of, read_table, verdict_of
 
+NAMES = ("pdf", "density", "probability", "p")
 PER = ("either", "steradian", "pixel")
+
+
+def read_pdf(path: str | Path) -> tuple[np.ndarray, np.ndarray | None]:
+    """Densities, and their directions or None for an image, of a PFM, EXR, HDR, NPZ or CSV file.
+
+    Raises :class:`LightdomeError` for a file that cannot be read, has other columns, or an image in colour.
+    """
+    path = checks.path(path)
+    if path.suffix.lower() in READABLE:
+        image = read_image(path)
+        if np.ptp(image, axis=2).any():
+            raise LightdomeError(f"{path}: an image of densities must be grey, and this one has colours")
+        return image[..., 0], None
+    table = read_table(path)
+    for name in NAMES:
+        if name in table and table[name].ndim == 2:
+            return table[name], None
+    values = column(table, *NAMES)
+    if values is None:
+        raise LightdomeError(f"{path}: it needs densities, as a column or an array named one of {', '.join(NAMES)}")
+    return values, directions_of(table, path)
 
 
 def check_pdf(
@@ -57,8 +81,11 @@ def _arranged(image: np.ndarray, p: np.ndarray) -> Iterator[tuple[str, np.ndarra
         yield "upside down", image[::-1]
         yield "mirrored left to right", image[:, ::-1]
         yield "turned by 180 degrees", image[::-1, ::-1]
-        yield from _rolled(image, p, "")
-        yield from _rolled(image[:, ::-1], p, "mirrored left to right and ")
+        if step := _step(image, p):
+            yield f"columns moved by {p.shape[1] - step} of {p.shape[1]}", np.roll(image, step, axis=1)
+        if step := _step(image[:, ::-1], p):
+            name = f"mirrored left to right and columns moved by {step} of {p.shape[1]}"
+            yield name, np.roll(image[:, ::-1], step, axis=1)
         for step in (1, -1):
             yield f"rows moved by {-step}", np.roll(image, step, axis=0)
     if image.shape == p.shape[::-1]:
@@ -67,12 +94,10 @@ def _arranged(image: np.ndarray, p: np.ndarray) -> Iterator[tuple[str, np.ndarra
         yield "turned by 270 degrees", np.rot90(image, 3)
 
 
-def _rolled(image: np.ndarray, p: np.ndarray, before: str) -> Iterator[tuple[str, np.ndarray]]:
-    """The image, its columns moved to where they are most like the map's."""
+def _step(image: np.ndarray, p: np.ndarray) -> int:
+    """By how many columns to the right the image must move to be most like ``p``."""
     turned = np.fft.rfft(p, axis=1) * np.conj(np.fft.rfft(image, axis=1))
-    step = int(np.fft.irfft(turned.sum(axis=0), p.shape[1]).argmax())
-    if step:
-        yield f"{before}columns moved by {p.shape[1] - step} of {p.shape[1]}", np.roll(image, step, axis=1)
+    return int(np.fft.irfft(turned.sum(axis=0), p.shape[1]).argmax())
 
 
 def _unlike(values: np.ndarray, q: np.ndarray) -> float:
@@ -85,7 +110,7 @@ def _image(radiance: np.ndarray, image: np.ndarray, per: str) -> TableCheck:
     p = right(radiance)
     p /= p.sum()
     area = solid_angles(*p.shape)[:, None]
-    best: tuple[tuple[bool, bool, float], str, str, str, float] | None = None
+    best: tuple[tuple[bool, bool, float], float, str, str, str, float] | None = None
 
     def consider(values: np.ndarray, q: np.ndarray, name: str, orientation: str) -> bool:
         """Whether it fits; one whose sum is 1 is better than one whose sum is not."""
@@ -94,7 +119,7 @@ def _image(radiance: np.ndarray, image: np.ndarray, per: str) -> TableCheck:
             unlike, total = _unlike(probabilities, q), float(probabilities.sum())
             rank = unlike >= CLOSE, abs(total - 1) >= CLOSE, max(unlike, 1e-5)
             if best is None or rank < best[0]:
-                best = rank, name, orientation, unit, total
+                best = rank, unlike, name, orientation, unit, total
         assert best is not None
         return not (best[0][0] or best[0][1])
 
@@ -106,7 +131,7 @@ def _image(radiance: np.ndarray, image: np.ndarray, per: str) -> TableCheck:
             if image.shape == p.shape and consider(image, q, name, ""):
                 break
     assert best is not None
-    (_, _, unlike), name, orientation, unit, total = best
+    _, unlike, name, orientation, unit, total = best
     details: dict[str, object] = {"total_variation_distance": unlike, "values_per": unit, "sum": total}
     if unlike >= CLOSE:
         return TableCheck(False, "does not agree; it is the density of no law that is known here", None, "", details)
@@ -122,10 +147,8 @@ def _image(radiance: np.ndarray, image: np.ndarray, per: str) -> TableCheck:
         else:
             more = f"they sum to {total:.5g}{factor_named(radiance, total)}"
             causes.append((cause_named("not normalised", CAUSES_OF_SAMPLES), more))
-    said = [f"{cause.name}: {cause.what}{f' ({more})' if more else ''}" for cause, more in causes]
-    said += [orientation] if orientation else []
-    if said:
+    if causes or orientation:
         cause = causes[0][0] if causes else None
-        return TableCheck(False, "does not agree; " + "; ".join(said), cause, orientation, details)
+        return TableCheck(False, verdict_of(causes, orientation), cause, orientation, details)
     what = "probabilities of pixels" if unit == "pixel" else "densities per steradian"
     return TableCheck(True, f"agrees: {what}, total variation distance {unlike:.2g}", None, "", details)

@@ -194,6 +194,11 @@ def _preference(turn: Turn) -> int:
     return 0 if turn.preset == "lightdome" else 1 if turn.preset else 2
 
 
+def turns() -> list[Turn]:
+    """All by whole quarters, lightdome's own first, then those of presets."""
+    return sorted((Turn(axes, k / 4) for axes in _AXES for k in range(4)), key=_preference)
+
+
 def find_fit(radiance: np.ndarray, direction: np.ndarray, values: np.ndarray) -> Fit:
     """The convention by which unit vectors (N, 3) have the ``values`` (N, C) of their pixels of a map (H, W, C)."""
     chosen = _few(values)
@@ -272,7 +277,7 @@ def likeliest(weight: np.ndarray, direction: np.ndarray) -> Turn:
 
     own = of(Turn("", 0.0))
     best, result = 6.0, Turn("", 0.0)
-    for turn in sorted((Turn(axes, k / 4) for axes in _AXES for k in range(4)), key=_preference):
+    for turn in turns():
         better = of(turn) - own
         spread = better.std() / math.sqrt(len(few))
         if better.mean() > 0.1 and spread > 0 and better.mean() / spread > best:

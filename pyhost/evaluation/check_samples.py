@@ -45,6 +45,7 @@ from .check_tables import (
     directions_of,
     read_table,
     unit,
+    verdict_of,
 )
 
 LIMIT = 5.0  # standard deviations, from which on pixels are drawn wrongly
@@ -118,19 +119,22 @@ CAUSES_OF_SAMPLES = (
 )
 
 
-def read_samples(path: str | Path) -> dict[str, np.ndarray | None]:
-    """The arguments of :func:`check_samples` from a CSV or NPZ file; see :mod:`lightdome.evaluation.check_tables`.
+def read_samples(
+    path: str | Path,
+) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None, np.ndarray | None, np.ndarray | None]:
+    """The arguments of :func:`check_samples` after the map, from a CSV or NPZ file.
 
-    Raises :class:`LightdomeError` for a file that cannot be read, or has no directions.
+    See :mod:`lightdome.evaluation.check_tables`. Raises :class:`LightdomeError` for a file that cannot be read, or has
+    no directions.
     """
     table = read_table(path)
-    return {
-        "direction": directions_of(table, path),
-        "radiance": colours_of(table),
-        "probability": column(table, "probability", "prob", "p"),
-        "pixel": columns(table, ("pixel", "pixels", "xy"), PIXELS),
-        "pdf": column(table, "pdf", "density"),
-    }
+    return (
+        directions_of(table, path),
+        colours_of(table),
+        column(table, "probability", "prob", "p"),
+        columns(table, ("pixel", "pixels", "xy"), PIXELS),
+        column(table, "pdf", "density"),
+    )
 
 
 def check_samples(
@@ -202,7 +206,8 @@ class Located:
         return Fit(likeliest(luminance(self.map), self.direction), fitting=1.0)
 
     def _add(self, name: str, more: str = "") -> None:
-        self.found.append((cause_named(name, CAUSES_OF_SAMPLES), more))
+        if all(cause.name != name for cause, _ in self.found):  # probabilities and densities may have the same mistake
+            self.found.append((cause_named(name, CAUSES_OF_SAMPLES), more))
 
     def result(self, drawn: bool) -> TableCheck:
         """The verdict; ``drawn`` says that the directions were drawn in proportion to the light."""
@@ -214,19 +219,18 @@ class Located:
             self._add(self.geometry.name)
         self._compare_radiance()
         self.details["within"] = self.geometry.name or ("centre" if self.at_centres else "pixel")
-        self._compare_pixels()
+        if not wrongly_turned:  # or the pixels are those of another map
+            self._compare_pixels()
         mistaken = any(cause.name == "values of other pixels" for cause, _ in self.found)
         if not mistaken:
             self._compare_probabilities()
             if drawn:
                 self._compare_drawing()
-        said = [f"{cause.name}: {cause.what}{f' ({more})' if more else ''}" for cause, more in self.found]
-        if wrongly_turned:
-            said.append(orientation)
-        if not said:
+        if not self.found and not wrongly_turned:
             return TableCheck(True, self._agreement(drawn, orientation), None, orientation, self.details)
         cause = self.found[0][0] if self.found else None
-        return TableCheck(False, "does not agree; " + "; ".join(said), cause, orientation, self.details)
+        verdict = verdict_of(self.found, orientation if wrongly_turned else "")
+        return TableCheck(False, verdict, cause, orientation, self.details)
 
     def _agreement(self, drawn: bool, orientation: str) -> str:
         what = [

@@ -8,7 +8,7 @@ Four estimators, all unbiased. What one sample per pixel means for each:
 - ``product``: a direction drawn as light times cosine, nearly: by far the least noise, for tables that cost
   a few milliseconds, and for no surface but a diffuse one
 
-The error of N independent points falls as 1 / sqrt(N), that of Sobol points faster. ``light`` and
+The error of N independent points falls as 1 / sqrt(N), that of Sobol points and lattices faster. ``light`` and
 ``product`` look at the centres of the map's pixels like the samples of part 2, and converge to
 :func:`lightdome.exact`; ``bsdf`` and ``mis`` see pixels as areas of constant radiance, and converge to
 ``exact(..., pixels="areas")``, and so do the other two with ``within="pixel"``. The two images differ most beside the
@@ -74,8 +74,8 @@ def render(
     """Yield (spp, image) for each of ``spp`` in increasing order; images are (R, R, 3) float32 radiance.
 
     - ``estimator``: ``light``, ``bsdf``, ``mis`` or ``product``, see above
-    - ``sequence``: ``independent``, or ``sobol`` with an Owen scramble of its own for every pixel; best at
-      powers of two
+    - ``sequence``: ``independent``; ``sobol`` with an Owen scramble of its own for every pixel; or ``lattice`` with a
+      shift of its own. The last two are best at powers of two
     - ``mis_compensation``: with ``mis``, draw from the light only what is above its mean, and leave the rest
       to the cosine's samples
     - ``within``: where in a pixel of the map directions lie: at its ``centre``, the default of ``light`` and

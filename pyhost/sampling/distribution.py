@@ -59,8 +59,8 @@ class Distribution:
         """Draw ``count`` samples. The same ``seed`` gives the same samples on every device.
 
         ``sequence`` is what the points are (``clkernels/common/sequence.clh``): ``independent``, ``stratified``
-        in cells of equal area for any count, ``sobol`` with Owen's scramble, or the lattice ``r2``. The
-        first n of more samples are the samples of n, except for ``stratified``.
+        in cells of equal area for any count, ``sobol`` with Owen's scramble, the lattice ``r2``, or a ``lattice`` for
+        just so many points. The first n of more samples are the samples of n, but for ``stratified`` and ``lattice``.
 
         A point u = (across, down) of the sequence becomes a sample in two steps. ``down`` picks a row by the CDF over
         rows, and ``across`` a pixel of it by the row's CDF. Then ``within="centre"`` takes the direction of the

@@ -17,6 +17,7 @@ from ..opencl.device import Device
 from ..opencl.memory import DeviceArray
 from .cdf import MapCDF
 from .device_map import DeviceMap
+from .lattice import generator
 from .samples import SEQUENCES
 
 MAX_COUNT = 2**31 - 1
@@ -51,6 +52,11 @@ class Points:
     def defines(self) -> dict[str, int]:
         """What kernels are built with."""
         return {f"SEQUENCE_{self.sequence.upper()}": 1}
+
+    @property
+    def generator(self) -> int:
+        """The generator of a lattice of so many points."""
+        return generator(self.count) if self.sequence == "lattice" else 0
 
 
 def sequence_points(count: int, seed: int, sequence: str) -> Points:
@@ -130,6 +136,7 @@ def draw(
         inverse_total=1 / cdf.total,
         count=count,
         seed=points.key,
+        generator=points.generator,
         points=points.given,
         **results,
     )

@@ -140,6 +140,7 @@ def _choose_rows(device: Device, marginal: DeviceArray, points: Points) -> _Chos
         height=marginal.shape[0],
         count=points.count,
         seed=points.key,
+        generator=points.generator,
         row=row,
         across=across,
         place=place,

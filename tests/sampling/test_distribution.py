@@ -278,7 +278,7 @@ def test_many_pixels_alone_probabilities_and_flux_are_right_on_any_scale(device:
 
 def test_samples_know_what_drew_them(device: Device, stiff: EnvironmentMap) -> None:
     distribution = build_distribution(device, stiff)
-    for seed, sequence in zip((0, 7, 2**40, 2**64 - 1), SEQUENCES, strict=True):
+    for seed, sequence in zip((0, 7, 2**40, 2**63, 2**64 - 1), SEQUENCES, strict=True):
         samples = distribution.sample(3, seed, sequence)
         assert (samples.seed, samples.sequence, samples.map_shape) == (seed, sequence, (21, 43))
         np.testing.assert_array_equal(distribution.sample(3, samples.seed, samples.sequence).pixel, samples.pixel)

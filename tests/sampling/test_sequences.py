@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import math
+import re
+from runpy import run_path
+
 import numpy as np
 import pytest
+from helpers import ROOT
 from lightdome import reference
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.opencl.device import Device
 from lightdome.sampling.distribution import Distribution, build_distribution
+from lightdome.sampling.lattice import figure_of_merit, generator
 from lightdome.sampling.samples import SEQUENCES
 
 N = 64
@@ -84,6 +90,40 @@ def test_r2_is_the_lattice_of_the_plastic_number(square: Distribution) -> None:
         offset = ((values + 0.5) / N - step * np.arange(500)) % 1
         spread = (offset - offset[0] + 0.5) % 1 - 0.5
         assert np.abs(spread).max() <= 1 / N + 1e-4
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 16, 37, 64])
+def test_a_lattice_has_one_point_in_each_of_n_parts_of_both_axes(square: Distribution, count: int) -> None:
+    for seed in range(4):
+        for values in square.sample(count, seed, "lattice").pixel.T:
+            gaps = np.sort(values) - N / count * np.arange(count)
+            assert np.ptp(gaps) <= 1
+            if N % count == 0:
+                assert (np.bincount(values * count // N) == 1).all()
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 35, 64, 97, 100])
+def test_the_figure_of_merit_is_the_least_product_of_dual_frequencies(n: int) -> None:
+    prime_to_n = np.array([g for g in range(1, n + 1) if math.gcd(g, n) == 1])
+    k = np.arange(1, n)
+    expected = [min(k * np.minimum(g * k % n, -g * k % n), default=n) for g in prime_to_n.tolist()]
+    np.testing.assert_array_equal(figure_of_merit(n, prime_to_n), expected)
+    assert figure_of_merit(n, np.array([generator(n)])) == max(expected)
+
+
+@pytest.mark.parametrize("n", [1025, 10_000, 2**20, 2**20 + 7, 2**31 - 1])
+def test_a_lattice_of_many_points_has_a_good_generator(n: int) -> None:
+    assert math.gcd(generator(n), n) == 1
+    assert 1 < generator(n) < n
+    assert figure_of_merit(n, np.array([generator(n)])) > n / 8  # the best there is has up to 0.38 n
+
+
+@pytest.mark.slow
+def test_the_generator_of_pixels_lattices_is_the_one_that_the_search_finds() -> None:
+    search = run_path(str(ROOT / "docs" / "lattice.py"))["search"]
+    kernel = (ROOT / "clkernels" / "rendering" / "pixel_block.clh").read_text()
+    (used,) = re.findall(r"#define LATTICE_GENERATOR (\d+)u", kernel)
+    assert int(used) in search()
 
 
 def test_better_sequences_have_less_error(device: Device) -> None:

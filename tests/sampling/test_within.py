@@ -67,7 +67,7 @@ def test_the_pixels_are_those_of_centres(device: Device, stiff: EnvironmentMap) 
         assert (pixel.direction != centre.direction).any(axis=1).all()
 
 
-@pytest.mark.parametrize("sequence", ["independent", "stratified", "sobol"])
+@pytest.mark.parametrize("sequence", ["independent", "stratified", "sobol", "lattice"])
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (8, 16), (16, 8)])
 def test_parts_of_pixels_pass_chi_square(device: Device, shape: tuple[int, int], sequence: str) -> None:
     # Seven by five parts of equal solid angle in each pixel. Well spread points are better than chance. The lattice r2
