@@ -48,16 +48,34 @@ class _Help(argparse.HelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that answers a shell's question how a command line goes on, where argcomplete is installed."""
+    """Gives ``--rotate`` the numbers that follow it and no map, and completes a command line where a shell asks."""
 
     def parse_args(self, *arguments: Any, **options: Any) -> argparse.Namespace:  # type: ignore[override]
-        """As usual, unless a shell asks: then print its answer and exit."""
+        """As usual, unless a shell asks, and argcomplete is installed: then print its answer and exit."""
         if "_ARGCOMPLETE" in os.environ:
             with contextlib.suppress(ImportError):
                 import argcomplete
 
                 argcomplete.autocomplete(self)
         return super().parse_args(*arguments, **options)
+
+    def parse_known_args(self, args=None, namespace=None):  # type: ignore[no-untyped-def, override]
+        """As usual, but ``--rotate 1 2 3`` counts as one word, which :func:`_angles` takes apart."""
+        words: list[str] = []
+        for word in sys.argv[1:] if args is None else args:
+            if words and words[-1].partition("=")[0] == "--rotate" and _is_number(word):
+                words[-1] += f" {word}" if "=" in words[-1] else f"={word}"
+            else:
+                words.append(word)
+        return super().parse_known_args(words, namespace)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def parser(description: str, example: str, out: str | None = None) -> argparse.ArgumentParser:
@@ -150,22 +168,19 @@ def orientation_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--mirror", action="store_true", help="reverse the columns, for a map that is mirrored")
     parser.add_argument(
         "--rotate",
-        type=finite_float,
-        nargs="+",
-        action=_Rotate,
-        metavar=("YAW", "PITCH ROLL"),
+        type=_angles,
+        metavar="YAW [PITCH ROLL]",
         help="turn the map by degrees about +y (counter-clockwise from above), +x and +z, after --convention and"
         " --mirror (default: 0 0 0)",
     )
 
 
-class _Rotate(argparse.Action):
-    """A yaw, or a yaw, a pitch and a roll."""
-
-    def __call__(self, parser, namespace, values, option_string=None) -> None:  # type: ignore[no-untyped-def]
-        if len(values) not in (1, 3):
-            parser.error(f"argument {option_string}: expected YAW or YAW PITCH ROLL, got {len(values)} numbers")
-        setattr(namespace, self.dest, values)
+def _angles(text: str) -> list[float]:
+    """Argument type: a yaw, or a yaw, a pitch and a roll, with spaces between them."""
+    values = [finite_float(word) for word in text.split()]
+    if len(values) not in (1, 3):
+        raise argparse.ArgumentTypeError(f"expected YAW or YAW PITCH ROLL, got {len(values)} numbers")
+    return values
 
 
 def map_arguments(args: argparse.Namespace) -> list[object]:
@@ -353,6 +368,12 @@ def output_folder(path: Path, images: bool = False) -> Path:
             f"cannot write into the folder {path}: {error.strerror}; choose another with --out"
         ) from error
     return path
+
+
+def output_file(path: Path) -> None:
+    """Raise :class:`LightdomeError` where a file has no folder, before work that would be for nothing."""
+    if not path.parent.is_dir():
+        raise LightdomeError(f"cannot write {path}: there is no folder {path.parent}; make it, or write into another")
 
 
 def _number(convert: type, text: str, accept: Callable[[float], bool], wanted: str) -> float:

@@ -18,7 +18,13 @@ def main() -> None:
     )
     cli.map_options(parser, positional=True)
     parser.add_argument("out", type=Path, metavar="OUT", help="file to write: .exr or .pfm, in single precision")
-    parser.add_argument("--to", choices=PROJECTIONS, required=True, help="projection of the result")
+    parser.add_argument(
+        "--to",
+        choices=PROJECTIONS,
+        required=True,
+        metavar="NAME",
+        help="projection of the result, one of those of --projection",
+    )
     parser.add_argument(
         "--size",
         type=cli.positive_int,
@@ -41,12 +47,18 @@ def main() -> None:
     from ..errors import LightdomeError
     from ..maps.conventions import yaw_between
     from ..maps.conversion import convert
-    from ..maps.envmap import EnvironmentMap, read_projected
+    from ..maps.envmap import EnvironmentMap, read_projected, shape_note
     from ..maps.images import LINEAR, write_image
     from ..maps.rotation import rotation_matrix
 
     if args.out.suffix.lower() not in LINEAR:
         raise LightdomeError(f"cannot write {args.out}: give a name that ends in {' or '.join(LINEAR)}")
+    if args.to == "cube-openexr" and args.out.suffix.lower() != ".exr":
+        raise LightdomeError(
+            f"cannot write {args.out}: only the header of an .exr file says that it is cube-openexr;"
+            " give it that suffix, or write a cube-strip"
+        )
+    cli.output_file(args.out)
     read = read_projected(
         args.map,
         sanitize=args.sanitize,
@@ -55,7 +67,8 @@ def main() -> None:
         projection=args.projection,
         convention=args.convention,
     )
-    for note in (*read.notes, read.replaced and read.replaced.note):
+    stretched = read.projection == "latlong" and shape_note(*read.radiance.shape[:2])
+    for note in (*read.notes, stretched, read.replaced and read.replaced.note):
         if note:
             print(note, file=sys.stderr)
     if read.projection == args.to == "latlong" and args.size is None:

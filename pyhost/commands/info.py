@@ -79,7 +79,7 @@ def examine(args: Namespace, path: Path) -> Analysis:
     from ..maps.envmap import EnvironmentMap, read_projected
     from ..maps.images import ImageRows
 
-    image = ImageRows(path, layer=args.layer, flip=args.flip)
+    image, notes = ImageRows(path, layer=args.layer, flip=args.flip), ()
     if args.projection != "latlong" and (args.projection or image.is_cube or image.width != 2 * image.height):
         read = read_projected(
             path,
@@ -93,8 +93,10 @@ def examine(args: Namespace, path: Path) -> Analysis:
             analysis = analyse(cli.turned(args, EnvironmentMap(convert(read.radiance, read.projection))))
             remarks = (*read.notes, *([read.replaced.note] if read.replaced else []), *analysis.notes)
             return replace(analysis, projection=f"{read.projection}, resampled to latlong", notes=remarks)
-    image.reorder(cli.map_columns(args, image.width))
-    return analyse(image)
+        notes = read.notes
+    image.reorder(cli.map_columns(args, image.width, f", or turn it first with {cli.program('convert')}"))
+    analysis = analyse(image)
+    return replace(analysis, notes=tuple(dict.fromkeys((*notes, *analysis.notes))))
 
 
 def write_split(args: Namespace, path: Path) -> None:

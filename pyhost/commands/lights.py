@@ -40,12 +40,11 @@ def main() -> None:
     from ..lighting.light_files import light_format, write_lights
 
     name = light_format(args.out, args.format)
-    if not args.out.parent.is_dir():
-        raise LightdomeError(f"cannot write {args.out}: there is no folder {args.out.parent}; make it, or change --out")
+    cli.output_file(args.out)
     envmap = cli.load_map(args)
     lights = make(cli.open_device(args), envmap, args.method, args.count, args.seed)
     write_lights(args.out, lights, name)
-    print(f"wrote {args.out}: {len(lights)} lights by {args.method}, as {name}")
+    print(f"wrote {args.out}: {len(lights)} light{'s' if len(lights) > 1 else ''} by {args.method}, as {name}")
 
 
 def make(device: Device, envmap: EnvironmentMap, method: str, count: int, seed: int) -> Lights:

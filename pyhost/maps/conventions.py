@@ -115,7 +115,7 @@ def to_uv(direction: np.ndarray, name: str = "lightdome") -> np.ndarray:
     x, y, z = np.moveaxis(to_axes(direction, "lightdome", name).astype(np.float64), -1, 0)
     u = np.arctan2(z, x) / (2 * np.pi) + preset(name).quarters / 4
     u = u - np.floor(u)
-    u = np.where(u < 1, u, 0)  # just below 0 rounds to 1
+    u = np.where(u >= 1, 0, u)  # just below 0 rounds to 1, and NaN stays
     return np.stack([u, np.arctan2(np.hypot(x, z), y) / np.pi], axis=-1)
 
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .envmap import EnvironmentMap
 
 SMALLEST = 4  # the size from which the ratio of the sides says something
+SQUARES = "a light probe is angular or mirror, a square that PBRT-v4 made octahedral"
 OVERRIDE = "--projection NAME says otherwise"
 
 
@@ -63,7 +64,8 @@ def detected(radiance: np.ndarray, is_cube: bool = False) -> tuple[str, str | No
     """The projection of an image (H, W, 3), by name, and a remark for the user, None for the common 2:1.
 
     ``is_cube``: the file says that it is a cube map. Else: 1:6 and 6:1 are strips; 3:4 and 4:3 with black corners are
-    crosses; 1:1 with black corners is an angular map; all else is latitude-longitude.
+    crosses; 1:1 with black corners is an angular map; all else is latitude-longitude, with a remark where the sides
+    would fit one of these.
     """
     if is_cube:
         return "cube-openexr", _remark("cube-openexr", "its header says envmap = cube")
@@ -72,14 +74,15 @@ def detected(radiance: np.ndarray, is_cube: bool = False) -> tuple[str, str | No
         if PROJECTIONS[name].fits(shape) and min(shape) >= SMALLEST:
             return name, _remark(name, f"its sides are {_ratio(name)}")
     for name in ("cube-cross", "cube-cross-horizontal", "angular"):
-        if PROJECTIONS[name].fits(shape) and shape[0] >= 2 * SMALLEST and _is_black_outside(radiance, name):
+        if not (PROJECTIONS[name].fits(shape) and shape[0] >= 2 * SMALLEST):
+            continue
+        if _is_black_outside(radiance, name):
             or_else = " (or mirror)" if name == "angular" else ""
             return name, _remark(name + or_else, f"its sides are {_ratio(name)} and its corners black")
-    if shape[0] == shape[1] and shape[0] >= 2 * SMALLEST:
-        return "latlong", (
-            "note: the map is square and its corners are not black, so it is taken as latlong; a light probe is angular"
-            f" or mirror, a square that PBRT-v4 made octahedral; {OVERRIDE}"
-        )
+        if radiance.any():
+            others = SQUARES if name == "angular" else f"a cross with these sides is {name}"
+            why = f"its sides are {_ratio(name)} but its corners are not black"
+            return "latlong", f"{_remark('latlong', why)}; {others}"
     return "latlong", None
 
 

@@ -50,7 +50,7 @@ class Projection(ABC):
     def shape(self, size: int) -> tuple[int, int]:
         """(H, W) of an image of this ``size``: the side of a square or of a cube's face, or the rows of a latlong."""
         largest = math.isqrt(MAX_PIXELS // (self.aspect[0] * self.aspect[1]))
-        size = checks.whole(f"the size of a {self.name} map", size, self.smallest, largest)
+        size = checks.whole(f"the size of the {self.name} map", size, self.smallest, largest)
         return self.aspect[1] * size, self.aspect[0] * size
 
     def fits(self, shape: tuple[int, int]) -> bool:
@@ -115,7 +115,7 @@ class LatLong(Projection):
     def positions(self, direction: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
         x, y, z = np.moveaxis(direction, -1, 0)
         turns = np.arctan2(z, x) / (2 * np.pi)
-        theta = np.arctan2(np.hypot(x, z), y)  # acos would lose half the digits near the poles
+        theta = np.arctan2(np.sqrt(x * x + z * z), y)  # acos would lose half the digits near the poles
         return (turns + (turns < 0)) * shape[1], theta * (shape[0] / np.pi)
 
     def density(self, x: np.ndarray, y: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -185,7 +185,7 @@ class _Disc(Projection):
         turns = [np.arctan2(x, np.abs(level)) for x in (begin, end, first, last)]
         beyond = 2 * np.sign(level) * (turns[1] - turns[0] - turns[3] + turns[2])
         part = np.diff(level * inside * (last - first) + beyond, axis=0)
-        nearest = np.minimum(np.abs(begin), np.abs(end))
+        nearest = np.maximum(0, np.maximum(begin, -end))
         return np.where(np.hypot(nearest, nearest[:, None]) < 1, np.maximum(part + part.T, 0), 0)
 
     def owners(self, shape: tuple[int, int]) -> np.ndarray:

@@ -16,7 +16,12 @@ is left, about a thousandth of the flux at most, is a factor on the whole result
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,11 +32,16 @@ from ..progress import Progress
 from .projections import Projection
 
 POINTS = 2**21  # the least in an image, at most 8 x 8 in a pixel; there are 2 x 2 in large ones
-AT_ONCE = 2**17  # points; their temporaries stay within the cache's reach
-KEPT = 2**22  # points whose overlaps are kept from pass to pass, 72 bytes each; those of more are found again
+AT_ONCE = 2**15  # points; their temporaries stay within the cache's reach
+KEPT = 2**24  # points whose overlaps are kept from pass to pass, 20 bytes each; those of more are found again
+THREADS = min(8, os.cpu_count() or 1)  # numpy works outside of Python's lock
+AHEAD = 2 * THREADS  # batches that are begun before they are needed
 PASSES = 3
 TINY = 1e-300
 ORTHOGONAL = 1e-6  # how far the product of a rotation with its transpose may be from 1
+
+_Points = tuple[int, float, float]  # the first of their rows, and where in their pixels they lie, down and right
+_Batch = tuple[int, _Points]  # 0 for points of the source, 1 for those of the target
 
 
 def resample(
@@ -46,7 +56,7 @@ def resample(
     ``rotation`` (3, 3) turns the map, or mirrors it: what lay in direction d, a column, lies in ``rotation @ d``
     afterwards. Pixels that a projection does not use are 0. The flux, the sum of radiance times solid angle, is kept to
     1e-6, and a constant stays constant to 1e-6. Without a rotation, an image of the same projection and shape comes
-    back bit for bit. Memory is that of the images, 40 bytes for each of their pixels, and 500 MB at most.
+    back bit for bit. Memory is 60 bytes for each pixel of both images, and up to 500 MB more.
 
     Raises :class:`LightdomeError` for shapes that the projections do not have, for a rotation that is none, and for
     values that are not finite.
@@ -78,77 +88,139 @@ class _Grid:
         used = np.count_nonzero(self.solid_angles)
         self.steps = int(np.clip(np.sqrt(POINTS / used), 2, 8))  # from point to point in a pixel
         self.points = used * self.steps**2  # of the whole image
+        self._rows = max(1, AT_ONCE // shape[1])
 
-    def spread(self) -> Iterator[tuple[np.ndarray, ...]]:
-        """Yield the pixels of some points, flat indices (n,), their x and y, and their solid angles."""
-        height, width = self.shape
-        rows = max(1, AT_ONCE // width)
+    def batches(self) -> Iterator[_Points]:
+        """Yield all points in batches."""
         offsets = (np.arange(self.steps) + 0.5) / self.steps
-        for first in range(0, height, rows):
-            j, i = np.arange(first, min(first + rows, height))[:, None], np.arange(width)
-            pixel = j * width + i if self.owners is None else self.owners[j * width + i]
+        for first in range(0, self.shape[0], self._rows):
             for down in offsets:
                 for right in offsets:
-                    area = self.projection.density(i + right, j + down, self.shape) / self.steps**2
-                    yield pixel, i + right, j + down, area
+                    yield first, down, right
 
-    def touched(self, x: np.ndarray, y: np.ndarray, side: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Yield the four pixels, or the same again, that squares round (x, y) touch, and the share of each."""
-        parts = []
-        for at, length, tiles in zip((y, x), self.shape, self.projection.tiles, strict=True):
-            low = np.floor(at - side / 2)
-            beyond = np.clip((at + side / 2 - low - 1) / side, 0, 1)
-            tile = length // tiles
-            first = np.minimum(at // tile, tiles - 1) * tile  # squares end where neighbours are none on the sphere
-            both = (np.clip(low + n, first, first + tile - 1).astype(np.intp) for n in (0, 1))
-            parts.append(list(zip(both, (1 - beyond, beyond), strict=True)))
-        for row, down in parts[0]:
-            for column, right in parts[1]:
-                pixel = row * self.shape[1] + column
-                yield pixel if self.owners is None else self.owners[pixel], down * right
-
-
-def _overlaps(own: _Grid, other: _Grid, turn: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Yield overlaps: flat indices of pixels of both grids, (n,) and (4, n), and solid angles (4, n).
-
-    They are those of the points of ``own``; ``turn`` leads from its directions to those of ``other``.
-    """
-    for pixel, x, y, area in own.spread():
+    def points_of(self, batch: _Points) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Pixels that points count to, flat indices (n,), and their directions (n, 3) and solid angles (n,)."""
+        (height, width), (first, down, right) = self.shape, batch
+        j, i = np.arange(first, min(first + self._rows, height))[:, None], np.arange(width)
+        pixel = j * width + i if self.owners is None else self.owners[j * width + i]
+        area = self.projection.density(i + right, j + down, self.shape) / self.steps**2
+        direction = self.projection.directions(i + right, j + down, self.shape)
         used = area > 0
-        direction = own.projection.directions(x, y, own.shape)[used]
-        pixel, area = pixel[used], area[used]
-        x, y = other.projection.positions(direction @ turn.T, other.shape)
-        density = np.maximum(other.projection.density(x, y, other.shape), TINY)
-        ratio = area * other.steps**2 / density
-        weight = area / (1 + ratio * ratio * ratio)  # ** would take ten times as long
-        touched = list(other.touched(x, y, np.sqrt(np.minimum(ratio / other.steps**2, 1))))
-        yield pixel, np.stack([index for index, _ in touched]), np.stack([weight * share for _, share in touched])
+        if used.all():  # copies would take a tenth of the time
+            return pixel.ravel(), direction.reshape(-1, 3), area.ravel()
+        return pixel[used], direction[used], area[used]
+
+    def touched(self, x: np.ndarray, y: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The first of the four pixels that squares round (x, y) touch, and their shares in the next down and right."""
+        first, shares = np.zeros(len(x), np.intp), []
+        for at, length, tiles in zip((y, x), self.shape, self.projection.tiles, strict=True):
+            start = at - side / 2
+            low = np.floor(start)
+            beyond = np.maximum(0, 1 - (low + 1 - start) / side)
+            tile = length // tiles
+            begin = np.minimum(at // tile, tiles - 1) * tile if tiles > 1 else 0
+            # Squares end where neighbours are none on the sphere.
+            beyond[(low < begin) | (low >= begin + tile - 1)] = 0
+            first = first * length + np.clip(low, begin, begin + tile - 1).astype(np.intp)
+            shares.append(beyond)
+        return first, *shares
+
+
+class _Overlap(NamedTuple):
+    """What points of one grid, each in a ``pixel`` of it, have in common with pixels of the other.
+
+    Their solid angles ``weight`` lie in four pixels from ``first`` on, the shares ``down`` in the next row and
+    ``right`` in the next column. All are of 4 bytes, since many are kept.
+    """
+
+    pixel: np.ndarray
+    first: np.ndarray
+    down: np.ndarray
+    right: np.ndarray
+    weight: np.ndarray
+
+    def spread(self, grid: _Grid) -> tuple[np.ndarray, np.ndarray]:
+        """The four pixels, (4, n) flat indices of ``grid``, and the solid angles in each, (4, n)."""
+        below, beside = grid.shape[1] * (self.down > 0), self.right > 0
+        touched = np.empty((4, len(self.first)), np.intp)
+        touched[0] = self.first
+        np.add(touched[0], beside, out=touched[1])
+        np.add(touched[:2], below, out=touched[2:])
+        weight = np.empty(touched.shape)
+        np.multiply(self.weight, self.right, out=weight[1])
+        np.subtract(self.weight, weight[1], out=weight[0])
+        np.multiply(weight[:2], self.down, out=weight[2:])
+        weight[:2] -= weight[2:]
+        return touched if grid.owners is None else grid.owners[touched], weight
+
+
+def _overlap(own: _Grid, other: _Grid, turn: np.ndarray, batch: _Points) -> _Overlap:
+    """That of a batch of points of ``own``; ``turn`` leads from its directions to those of ``other``."""
+    pixel, direction, area = own.points_of(batch)
+    # No matrix product: BLAS would start threads of its own for each.
+    turned = np.stack([sum(direction[:, k] * row[k] for k in range(3)) for row in turn], axis=-1)
+    x, y = other.projection.positions(turned, other.shape)
+    density = np.maximum(other.projection.density(x, y, other.shape), TINY)
+    ratio = area * other.steps**2 / density
+    weight = area / (1 + ratio * ratio * ratio)  # ** would take ten times as long
+    first, down, right = other.touched(x, y, np.sqrt(np.minimum(ratio / other.steps**2, 1)))
+    return _Overlap(
+        pixel.astype(np.int32),
+        first.astype(np.int32),
+        *(values.astype(np.float32) for values in (down, right, weight)),
+    )
 
 
 class _Weights:
     """Solid angles of source pixels in target pixels, found by the points of both grids."""
 
-    def __init__(self, source: _Grid, target: _Grid, turn: np.ndarray, progress: Progress) -> None:
+    def __init__(
+        self, source: _Grid, target: _Grid, turn: np.ndarray, pool: ThreadPoolExecutor, progress: Progress
+    ) -> None:
+        self._grids = source, target
         self._ways = ((source, target, turn), (target, source, turn.T))
-        self._points = source.points + target.points
-        self._progress, self._done = progress, 0
-        self._kept = list(self._found()) if self._points <= KEPT else None
+        self._pool, self._progress, self._done = pool, progress, 0
+        self._batches = [(way, batch) for way, (own, _, _) in enumerate(self._ways) for batch in own.batches()]
+        self._keep = source.points + target.points <= KEPT
+        self._kept: dict[_Batch, _Overlap] = {}
 
-    def __iter__(self) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Yield indices of source and of target pixels, one (n,), the other (4, n), and their overlaps (4, n)."""
-        return iter(self._kept or self._found())
+    def added(self, to_target: bool, values: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """For each pixel of one grid the sums of its overlaps, times each of ``values`` in the pixels of the other.
 
-    def _found(self) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        for way, (own, other, turn) in enumerate(self._ways):
-            for pixel, touched, weight in _overlaps(own, other, turn):
-                yield (touched, pixel, weight) if way else (pixel, touched, weight)
-                self._done += len(pixel)
-                self._progress.update(min(1.0, self._done / (PASSES * self._points)))
+        They do not depend on the number of threads.
+        """
+        totals = [np.zeros(self._grids[to_target].solid_angles.size) for _ in values]
+        for index, parts in _ahead(self._pool, partial(self._parts, to_target, values), self._batches):
+            for total, part in zip(totals, parts, strict=True):
+                np.add.at(total, index, part)
+            self._done += 1
+            self._progress.update(self._done / (PASSES * len(self._batches)))
+        return totals
+
+    def _parts(
+        self, to_target: bool, values: Sequence[np.ndarray], batch: _Batch
+    ) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Of the points of a batch: pixels (n,), and for each of ``values`` what is added to them (n,)."""
+        way, points = batch
+        own, other, turn = self._ways[way]
+        overlap = self._kept.get(batch) or _overlap(own, other, turn, points)
+        if self._keep:
+            self._kept[batch] = overlap
+        touched, weight = overlap.spread(other)
+        if to_target == (own is self._grids[0]):  # from own pixels to those that are touched
+            return touched.ravel(), [(weight * value[overlap.pixel]).ravel() for value in values]
+        return overlap.pixel, [(weight * value[touched]).sum(axis=0) for value in values]
 
 
-def _add(total: np.ndarray, index: np.ndarray, values: np.ndarray) -> None:
-    """Add values (4, n) to the pixels ``index``, (4, n) or, the same for all four, (n,)."""
-    np.add.at(total, index.ravel(), values.ravel() if index.ndim == 2 else values.sum(axis=0))
+def _ahead(pool: ThreadPoolExecutor, function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
+    """Like ``pool.map``, but few results wait at a time."""
+    waiting: deque[Future[Any]] = deque()
+    for item in items:
+        waiting.append(pool.submit(function, item))
+        if len(waiting) > AHEAD:
+            yield waiting.popleft().result()
+    while waiting:
+        yield waiting.popleft().result()
 
 
 def _quotient(solid_angles: np.ndarray, found: np.ndarray) -> np.ndarray:
@@ -167,15 +239,11 @@ def _base(values: np.ndarray, used: np.ndarray) -> np.ndarray:
 
 
 def _resampled(radiance: np.ndarray, source: _Grid, target: _Grid, turn: np.ndarray) -> np.ndarray:
-    with Progress("resampling the map") as progress:
-        weights = _Weights(source, target, turn, progress)
-        in_target = np.zeros(target.solid_angles.size)
-        for _, t, weight in weights:
-            _add(in_target, t, weight)
+    with Progress("resampling the map") as progress, ThreadPoolExecutor(THREADS) as pool:
+        weights = _Weights(source, target, turn, pool, progress)
+        (in_target,) = weights.added(True, [np.broadcast_to(1.0, source.solid_angles.size)])
         of_target = _quotient(target.solid_angles, in_target)
-        in_source = np.zeros(source.solid_angles.size)
-        for s, t, weight in weights:
-            _add(in_source, s, weight * of_target[t])
+        (in_source,) = weights.added(False, [of_target])
         of_source = _quotient(source.solid_angles, in_source)
 
         used = source.solid_angles.reshape(source.shape) > 0
@@ -183,14 +251,11 @@ def _resampled(radiance: np.ndarray, source: _Grid, target: _Grid, turn: np.ndar
         for plane in np.moveaxis(radiance, 2, 0).astype(np.float64):
             base = _base(plane, used).ravel()
             values.append(base + of_source * (plane.ravel() - base))
-        sums = np.zeros((3, target.solid_angles.size))
-        for s, t, weight in weights:
-            for total, value in zip(sums, values, strict=True):
-                _add(total, t, weight * value[s])
+        sums = weights.added(True, values)
 
     result = np.empty((*target.shape, 3), np.float32)
     for channel, total in enumerate(sums):
-        flux = total * _quotient(target.solid_angles, in_target)
+        flux = total * of_target
         wanted = source.solid_angles @ radiance[..., channel].ravel().astype(np.float64)
         factor = wanted / flux.sum() if flux.any() else 1.0
         plane = np.minimum(factor * _quotient(flux, target.solid_angles), LARGEST)

@@ -83,7 +83,7 @@ def test_a_map_is_written_for_another_program(path: Path, size: int | None, monk
     [
         ("2:1|1:1", ("--to", "latlong", "--projection", "angular")),
         ("3:4", ("--to", "latlong", "--projection", "cube-cross")),
-        ("size of a cube-strip map", ("--to", "cube-strip", "--size", 100000)),
+        ("size of the cube-strip map", ("--to", "cube-strip", "--size", 100000)),
     ],
 )
 def test_what_cannot_be_is_refused_and_nothing_is_written(
@@ -93,8 +93,35 @@ def test_what_cannot_be_is_refused_and_nothing_is_written(
     with pytest.raises(LightdomeError, match=words):
         run(monkeypatch, path, out, *more)
     assert not out.exists()
+
+
+def test_a_file_that_cannot_be_written_is_refused_before_the_map_is_read(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path.unlink()
     with pytest.raises(LightdomeError, match=r"\.pfm or \.exr"):
         run(monkeypatch, path, path.with_name("out.hdr"), "--to", "latlong")
+    with pytest.raises(LightdomeError, match="no folder"):
+        run(monkeypatch, path, path.parent / "nowhere" / "out.pfm", "--to", "latlong")
+    with pytest.raises(LightdomeError, match="only the header"):
+        run(monkeypatch, path, path.with_name("out.pfm"), "--to", "cube-openexr")
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        (("--rotate", 90), ()),
+        (("--rotate=90",), ()),
+        (("--to", "latlong", "--rotate", -270.0, 0, "-0"), ()),
+        ((), ("--rotate", 90)),
+    ],
+)
+def test_a_map_may_follow_the_angles(
+    path: Path, before: tuple[object, ...], after: tuple[object, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = path.with_name("out.pfm")
+    run(monkeypatch, *before, path, out, "--to", "latlong", *after)
+    np.testing.assert_array_equal(read_image(out), np.roll(MAP, -8, axis=1))
 
 
 def test_a_bad_pixel_is_refused_or_replaced(

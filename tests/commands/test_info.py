@@ -100,6 +100,7 @@ def test_a_map_is_told_as_it_is_turned(run: object, tmp_path: Path) -> None:
     status, _, errors = run(DEFAULT, "--rotate", "0", "20", "0")
     assert status == 1
     assert "turns by whole columns only" in errors
+    assert "lightdome convert" in errors
 
 
 def test_the_sun_is_split_off(run: object, tmp_path: Path, bad: Path) -> None:
@@ -131,6 +132,9 @@ def test_another_projection_is_resampled_and_told(run: object, tmp_path: Path) -
         assert found["mean_direction_azimuth_degrees"] == pytest.approx(
             expected.mean_direction_azimuth_degrees, abs=0.5
         )
+    write_image(tmp_path / "full.pfm", np.ones((16, 12, 3), np.float32))
+    (note,) = (note for note in json.loads(run(tmp_path / "full.pfm", "--json")[1])["notes"] if "cube-cross" in note)
+    assert "corners are not black" in note
     status, _, errors = run(tmp_path / "probe.pfm", "--projection", "cube-cross")
     assert status == 1
     assert errors.count("\n") == 1

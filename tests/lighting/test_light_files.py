@@ -7,13 +7,12 @@ import csv
 import json
 import re
 import subprocess
-import sys
-from importlib.util import find_spec
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from conventions import python_with
 from helpers import LONG
 from lightdome import reference
 from lightdome.errors import LightdomeError
@@ -262,9 +261,10 @@ def test_pbrt_draws_the_same_sphere(device: Device, tmp_path: Path, program: Pbr
 
 def ask(package: str, program: str, *arguments: object) -> object:
     """What a Python program prints last, as JSON, that needs ``package``, in a process of its own."""
-    if find_spec(package) is None:
-        pytest.skip(f"needs the package {package}")
-    command = [sys.executable, "-c", program, *map(str, arguments)]
+    python = python_with(package)
+    if python is None:
+        pytest.skip(f"needs the package {package}, here or in a Python of LIGHTDOME_PEERS")
+    command = [python, "-c", program, *map(str, arguments)]
     result = subprocess.run(command, capture_output=True, text=True, timeout=LONG)
     assert result.returncode == 0, result.stderr
     return json.loads(result.stdout.splitlines()[-1])
