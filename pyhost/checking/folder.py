@@ -1,9 +1,8 @@
 """A folder of what others made, a class's hand-ins, checked file by file: a row each, and a page with pictures of all.
 
 What a file is, its content says: an image, samples, lights, densities, or reflectances by angle. The number of samples
-of an image is read from its name: ``sphere_64.pfm`` has 64 that all pixels share, ``sphere_16spp.pfm`` 16 per pixel; a curve of
-light that leaves the material has "leaving" in its name.
-The page is one file that needs no network.
+of an image is read from its name: ``sphere_64.pfm`` has 64 that all pixels share, ``sphere_16spp.pfm`` 16 per pixel. A
+curve of light that leaves the material has "leaving" in its name. The page is one file that needs no network.
 """
 
 from __future__ import annotations

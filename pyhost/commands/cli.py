@@ -59,7 +59,7 @@ class Parser(argparse.ArgumentParser):
                 argcomplete.autocomplete(self)
         return super().parse_args(*arguments, **options)
 
-    def parse_known_args(self, args=None, namespace=None):  # type: ignore[no-untyped-def, override]
+    def parse_known_args(self, args=None, namespace=None):  # type: ignore[no-untyped-def]
         """As usual, but ``--rotate 1 2 3`` counts as one word, which :func:`_angles` takes apart."""
         words: list[str] = []
         for word in sys.argv[1:] if args is None else args:
