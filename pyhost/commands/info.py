@@ -79,7 +79,8 @@ def examine(args: Namespace, path: Path) -> Analysis:
     from ..maps.envmap import EnvironmentMap, read_projected
     from ..maps.images import ImageRows
 
-    image, notes = ImageRows(path, layer=args.layer, flip=args.flip), ()
+    image = ImageRows(path, layer=args.layer, flip=args.flip)
+    notes: tuple[str, ...] = ()
     if args.projection != "latlong" and (args.projection or image.is_cube or image.width != 2 * image.height):
         read = read_projected(
             path,
