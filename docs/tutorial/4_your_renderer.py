@@ -43,6 +43,10 @@ for spp in (64, 256, 1024, 4096, 16384):
     images = [your_renderer(envmap.radiance, spp, rng, mistake) for mistake in (False, True)]
     print(f"{spp:>7}  " + "".join(f"{100 * relative_rmse(image, truth):8.2f}" for image in images))
 
+# lightdome knows this mistake, and many others.
+for image in images:
+    print(lightdome.check_image(device, image, envmap, samples=spp).verdict)
+
 # Where the wrong one differs says why. Red is too bright: light from near the poles, here the floor. Blue is too dark.
 difference = (images[1] - truth).mean(axis=2) / truth.max()
 picture = np.zeros((SIZE, SIZE, 3), np.float32)

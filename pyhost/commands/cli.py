@@ -275,7 +275,7 @@ def open_device(args: argparse.Namespace) -> Device:
 def explain_option(parser: argparse.ArgumentParser) -> None:
     """Add ``--explain``, for :func:`explain` and :func:`explain_kernels`."""
     parser.add_argument(
-        "--explain", action="store_true", help="say of each result what was used for it, what was left out, and why"
+        "--explain", action="store_true", help="say for each result what was used, what was skipped, and why"
     )
 
 
