@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import solution
 from helpers import ROOT
+from lightdome.checking.folder import FolderCheck
 
 STARTER = ROOT / "docs" / "teaching" / "starter.py"
 PARTS = ("fresnel", "sample", "shade", "render")
@@ -62,3 +63,6 @@ def test_a_correct_solution_passes(
         table = np.genfromtxt(out / f"fresnel_{name}.csv", delimiter=",", names=True)
         curves = np.radians(table["angle_degrees"]), None, table["p"], table["s"]
         assert lightdome.check_fresnel(*curves, eta=1.4, leaving=leaving).agrees is True
+    rows = FolderCheck(device, envmap).rows(out)  # of reflectances, those that leave by the file's name
+    assert [row.file for row in rows if not row.agrees] == []
+    assert len(rows) == len(list(out.iterdir()))
