@@ -19,7 +19,12 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 # In the clone, on the site.
-TOP = {"CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md", "data/README.md": "maps.md"}
+TOP = {
+    "CONTRIBUTING.md": "contributing.md",
+    "CHANGELOG.md": "changelog.md",
+    "SECURITY.md": "security.md",
+    "data/README.md": "maps.md",
+}
 SIZE, EM = 10, 9  # of a letter, and what stands for 1 em of the text, whose letters are wider
 LETTERS = {Outline.MOVETO: "M", Outline.LINETO: "L", Outline.CURVE3: "Q", Outline.CURVE4: "C", Outline.CLOSEPOLY: "Z"}
 CODE = r"^ *```(?!math).*?^ *```$|`[^`\n]+`"  # left as it is

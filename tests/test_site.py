@@ -31,7 +31,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_every_page_is_there_and_can_be_found(site: Path) -> None:
     pages = [path.relative_to(ROOT / "docs") for path in (ROOT / "docs").rglob("*.md")]
     built = {path.with_name("index.html" if path.name == "README.md" else f"{path.stem}.html") for path in pages}
-    built |= {Path(name) for name in ("contributing.html", "changelog.html", "maps.html")}
+    built |= {Path(name) for name in ("contributing.html", "changelog.html", "security.html", "maps.html")}
     assert {path.relative_to(site) for path in site.rglob("*.html")} == built | {Path("404.html")}
     found = {place["location"].partition("#")[0] for place in json.loads(index(site))["docs"]}
     assert found == {str(path) for path in built}
