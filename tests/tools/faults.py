@@ -128,6 +128,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "run.py": ("test_pbrt.py",),
     "scenes.py": ("test_pbrt.py",),
     "check.py": ("test_pbrt.py",),
+    "sphere.py": ("test_pbrt.py", "test_images.py"),
     "peer_numpy.py": ("test_peers.py",),
     "peer_pbrt.py": ("test_peers.py",),
     "peers.py": ("test_peers.py",),
@@ -1853,7 +1854,7 @@ FAULTS: list[Fault] = [
         "a signal forgotten",
         ("test_pbrt.py",),
     ),
-    host("PBRT check: without the albedo", "check.py", "albedo * _reflected(", "_reflected(", "a factor left out"),
+    host("PBRT check: without the albedo", "check.py", "albedo * reflected(", "reflected(", "a factor left out"),
     host(
         "PBRT check: upside down",
         "check.py",
@@ -1870,7 +1871,7 @@ FAULTS: list[Fault] = [
     ),
     host(
         "PBRT check: columns half",
-        "check.py",
+        "sphere.py",
         "(np.pi / width) * (columns",
         "(np.pi / 2 / width) * (columns",
         "half an angle",
