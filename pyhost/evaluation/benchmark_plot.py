@@ -159,15 +159,20 @@ def _panels(
     figure.suptitle(plotting.text(title), x=0.01, ha="left")
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for axes in grid.flat[len(families) :]:
-        axes.axis("off")
+        axes.remove()
 
     def fill() -> Iterator[tuple[Axes, list[list[MethodMeasurement]], list[list[MethodMeasurement]]]]:
-        for axes, (family, own) in zip(grid.flat, families.items(), strict=False):
+        for i, (axes, (family, own)) in enumerate(zip(grid.flat, families.items(), strict=False)):
             _logarithmic(axes, label)
+            if i % columns > 0:
+                axes.set_ylabel("")
+            if i + columns < len(families):
+                axes.set_xlabel("")
+            else:
+                axes.tick_params(labelbottom=True)
             axes.set_title(family, loc="left", fontsize=10)
             others = [m for m in points if _family(m) != family]
             yield axes, list(_by_method(own).values()), list(_by_method(others).values())
-            axes.label_outer()
             axes.legend(fontsize=7.5, loc="lower right" if label == RUN_TIME else "lower left", handlelength=3)
         _label_decades(grid.flat[0])
 

@@ -2638,8 +2638,8 @@ FAULTS: list[Fault] = [
     command(
         "part 2: --marker ignored in a picture",
         "part2_sample.py",
-        "mark_pixels(marked, samples.pixel, args.marker, (0, 0, 255))",
-        "mark_pixels(marked, samples.pixel, 5, (0, 0, 255))",
+        "mark_picture(marked, samples.pixel, args.marker)",
+        "mark_picture(marked, samples.pixel, 5)",
         "an option ignored",
     ),
     command(
