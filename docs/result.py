@@ -10,7 +10,6 @@ from lightdome.maps.sphere import sphere_exposure
 from lightdome.plotting import plain, save_figure
 from lightdome.rendering.per_pixel import render
 from matplotlib.figure import Figure
-from PIL import Image
 
 MARKED = 256
 SHARED, SPP = (64, 1024), (8, 64)
@@ -42,8 +41,5 @@ def picture() -> Figure:
 
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).with_name("images"))
-path = folder / "result.png"
-save_figure(picture(), path, 100)
-with Image.open(path) as image:  # a palette takes half the bytes of the noise
-    image.convert("RGB").quantize(256).save(path, optimize=True)
-print(f"wrote {path}")
+save_figure(picture(), folder / "result.png", 100)
+print(f"wrote {folder / 'result.png'}")
