@@ -910,7 +910,7 @@ def filled(d: Mapping[str, object]) -> str:
         "This map is 34 #sym.times 18 pixels.",
         "pixels of the sphere (albedo 1, 70 #sym.times 70 pixels",
         "Over 16 #sym.times 16 pixels the error of shared samples",
-        "1 hold, 2 fail and 1 were skipped, with 54,321 draws a case",
+        "1 hold, 2 fail and 1 were skipped, with 54,321 draws per case",
         "lightdome 2.1 on the environment map",
     ],
 )
