@@ -75,6 +75,11 @@ def _places(line: Iterable[MethodMeasurement]) -> tuple[list[float], list[float]
     return [1e3 * m.wall_seconds for m in line], [100 * m.rmse for m in line]
 
 
+def _counted(point: MethodMeasurement) -> str:
+    said = {"per pixel": f"{point.count} spp", "order": f"order {point.count}"}
+    return said.get(point.kind, f"{point.count} lights")
+
+
 def _group(point: MethodMeasurement) -> str:
     """Whom a method competes with for a line in the headline: peers of a name, and methods of a kind."""
     if point.peer:
@@ -108,7 +113,7 @@ def error_against_time(points: Sequence[MethodMeasurement], title: str) -> Figur
         if len(line) > 1:
             axes.annotate(str(line[0].count), (x[0], y[0]), (0, 6), textcoords="offset points", fontsize=7, ha="center")
         name = best if group in best else f"{group}: {best}"
-        ends.append((x[-1], y[-1], plotting.text(f"{name}, {line[-1].count}"), COLOURS[i % len(COLOURS)]))
+        ends.append((x[-1], y[-1], plotting.text(f"{name}, {_counted(line[-1])}")))
     exact = [m for m in points if m.rmse < ROUNDING]
     if exact:
         x_exact = 1e3 * exact[0].wall_seconds
@@ -121,22 +126,28 @@ def error_against_time(points: Sequence[MethodMeasurement], title: str) -> Figur
     return figure
 
 
-def _label_ends(axes: Axes, ends: Sequence[tuple[float, float, str, str]]) -> None:
-    """Names to the right of (x, y), or to the left of those in the right third; upwards where they would overlap."""
+def _label_ends(axes: Axes, ends: Sequence[tuple[float, float, str]]) -> None:
+    """Names to the right of (x, y), upwards where they would overlap; the axes grow to hold them."""
     (left, right), (low, high) = np.log(axes.get_xlim()), np.log(axes.get_ylim())
+    placed = [
+        (np.log(x), np.log(y), 0.03 + 0.0105 * len(name), name) for x, y, name in ends
+    ]  # widths in the axes', about
+    right = max([right, *(left + (x - left) / (1 - width) for x, _, width, _ in placed)])
+    axes.set_xlim(np.exp(left), np.exp(right))
     taken: list[tuple[float, float, float]] = []
-    for x, y, name, colour in sorted(ends, key=lambda end: end[1]):
-        across, up = (np.log(x) - left) / (right - left), (np.log(y) - low) / (high - low)
-        width = 0.011 * len(name)  # in the axes' width, about
-        start = across if across < 0.66 else across - width
-        raised = up
-        for other_start, other_end, other_up in taken:
-            if start < other_end and other_start < start + width:
-                raised = max(raised, other_up + 0.045)
-        taken.append((start, start + width, raised))
-        side = {"xytext": (9, -3), "ha": "left"} if across < 0.66 else {"xytext": (4, 9), "ha": "right"}
-        at = np.exp(low + raised * (high - low))
-        label = axes.annotate(name, (x, at), textcoords="offset points", fontsize=9, color=colour, **side)
+    for x, y, width, name in sorted(placed, key=lambda end: end[1]):
+        across, up = (x - left) / (right - left), (y - low) / (high - low)
+        for start, end, other in taken:
+            if across < end and start < across + width:
+                up = max(up, other + 0.045)
+        taken.append((across, across + width, up))
+        label = axes.annotate(
+            name,
+            (np.exp(x), np.exp(low + up * (high - low))),
+            (9, -3),
+            textcoords="offset points",
+            fontsize=9,
+        )
         label.set_path_effects([withStroke(linewidth=3, foreground="white")])
 
 
@@ -173,7 +184,7 @@ def _panels(
             axes.set_title(family, loc="left", fontsize=10)
             others = [m for m in points if _family(m) != family]
             yield axes, list(_by_method(own).values()), list(_by_method(others).values())
-            axes.legend(fontsize=7.5, loc="lower right" if label == RUN_TIME else "lower left", handlelength=3)
+            axes.legend(fontsize=7.5, loc="lower right" if label == RUN_TIME else "upper right", handlelength=3)
         _label_decades(grid.flat[0])
 
     return figure, fill()
@@ -195,8 +206,9 @@ def error_against_time_all(points: Sequence[MethodMeasurement], title: str) -> F
             axes.plot(*_places(line), **BEHIND)
         for i, line in enumerate(own):
             axes.plot(*_places(line), label=plotting.text(line[0].method), **_style(i, line[0]))
-            for x, y, m in zip(*_places(line), line, strict=True):
-                axes.annotate(str(m.count), (x, y), (4, 4), textcoords="offset points", fontsize=6, alpha=0.7)
+            for m in {line[0].count: line[0], line[-1].count: line[-1]}.values():
+                place = 1e3 * m.wall_seconds, 100 * m.rmse
+                axes.annotate(str(m.count), place, (4, 4), textcoords="offset points", fontsize=6.5)
         handles = axes.step(*_places(front), where="post", color="black", linewidth=6, alpha=0.15)
         handles[0].set_label("Pareto front")
         for m, dashes in zip(exact, cycle(DASHES.values()), strict=False):
