@@ -110,6 +110,8 @@ def scaling(points: Sequence[StageMeasurement], title: str) -> Figure:
             memory = exponent(*zip(*known, strict=True)) if known else None
             label = f"{name}: {_power(time)}, {_power(memory)}"
             handles.append(Line2D([], [], **styles[name], label=label))
+        if not any(len(line.get_xdata()) for line in memories.lines):
+            memories.set_ylim(LEAST_PEAK, 1000 * LEAST_PEAK)  # a logarithmic axis needs something
         for axes in (times, memories):
             axes.set_xscale("log")
             axes.set_yscale("log")
