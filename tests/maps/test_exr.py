@@ -115,9 +115,9 @@ def test_y_is_grey(tmp_path: Path, part: Part) -> None:
 REFUSED = {
     "X, Y and Z": ([Part(planes(MAP, "XYZ"))], "no R, G and B.*X, Y, Z"),
     "X and Y": ([Part(planes(MAP[..., :2], "XY"))], "no R, G and B"),
-    "a lone depth": ([Part(DEPTH)], "no R, G and B.*there is Z"),
-    "a lone alpha": ([Part({"A": GREY.astype(np.float16)})], "no R, G and B.*there is A"),
-    "a lone red": ([Part({"R": GREY.astype(np.float16)})], "no R, G and B.*there is R"),
+    "a lone depth": ([Part(DEPTH)], "no R, G and B.*the file holds Z"),
+    "a lone alpha": ([Part({"A": GREY.astype(np.float16)})], "no R, G and B.*the file holds A"),
+    "a lone red": ([Part({"R": GREY.astype(np.float16)})], "no R, G and B.*the file holds R"),
     "red and blue": ([Part(planes(MAP[..., :2], "RB"))], "no R, G and B"),
     "normals": ([Part(planes(MAP, "XYZ", "N"))], r"no R, G and B.*N \(X, Y, Z\)"),
     "only an albedo": ([layers(albedo=MAP)], r"albedo \(B, G, R\)|albedo \(R, G, B\).*--layer"),
@@ -190,7 +190,7 @@ def test_parts_of_the_same_name_are_told_apart_or_refused(tmp_path: Path) -> Non
 
 def test_a_layer_that_is_not_there_or_no_colour_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path, Part({**planes(MAP), **planes(MAP, "XYZ", "N")}))
-    with pytest.raises(LightdomeError, match=r"no layer 'beauty'; there is .*N \(X, Y, Z\)"):
+    with pytest.raises(LightdomeError, match=r"no layer 'beauty'; the file holds .*N \(X, Y, Z\)"):
         read_image(path, layer="beauty")
     with pytest.raises(LightdomeError, match="its layer 'N' has no R, G and B"):
         read_image(path, layer="N")

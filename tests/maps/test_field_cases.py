@@ -15,8 +15,8 @@ from lightdome.maps.projections import PROJECTIONS
 FOLDER = Path(__file__).parent / "field_cases"
 READ = sorted(path.stem for path in FOLDER.glob("*.npy") if "chroma" not in path.stem)
 REFUSED = {
-    "exr_names_xyz.exr": "no R, G and B, nor Y.*X, Y, Z",
-    "exr_R_and_G_only.exr": "no R, G and B, nor Y.*R, G",
+    "exr_names_xyz.exr": "no R, G and B, and no Y.*X, Y, Z",
+    "exr_R_and_G_only.exr": "no R, G and B, and no Y.*R, G",
     "exr_half_infinite_sun.exr": "1 infinite",
     "hdr_xyze.hdr": "XYZ.*ra_xyze",
     "pfm_scale_zero.pfm": "bad scale 0",
