@@ -101,9 +101,9 @@ WRONG: dict[str, tuple[Callable[[Given], object], tuple[str, ...]]] = {
     "pbrt scenes": (lambda g: pbrt.render_scene(pbrt.Pbrt(Path("pbrt"), 4), "a.pbrt"), ("Scene", "'a.pbrt'")),
     # Paths.
     "read None": (lambda g: read_image(None), ("path", "None")),
-    "read nul": (lambda g: read_image("a\0.pfm"), ("no file", "a")),
-    "read half a character": (lambda g: read_image("\ud800.pfm"), ("no file", "ud800")),
-    "save as half a character": (lambda g: g.samples.save("\ud800.npz"), ("no file", "ud800")),
+    "read nul": (lambda g: read_image("a\0.pfm"), ("name of a file", "a")),
+    "read half a character": (lambda g: read_image("\ud800.pfm"), ("name of a file", "ud800")),
+    "save as half a character": (lambda g: g.samples.save("\ud800.npz"), ("name of a file", "ud800")),
     "write to no name": (lambda g: write_csv("", g.lights), ("name",)),
     "load a long name": (lambda g: Samples.load("x" * 260), ("cannot read",)),
     "layer number": (lambda g: read_image(g.folder / "map.pfm", 5), ("layer", "string", "5")),

@@ -165,6 +165,9 @@ def analyse(
 
     Raises :class:`LightdomeError` for a file that cannot be read, and for an array of another shape or without pixels.
     """
+    return _examined(_Map.of(source, layer, flip))[0]
+
+
 def split_sun(envmap: EnvironmentMap) -> SplitSun:
     """Split the sun from the rest of a map; the two maps sum to the original, up to float32 rounding.
 
