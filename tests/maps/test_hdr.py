@@ -191,7 +191,7 @@ def test_unusual_but_sound_headers_are_read(tmp_path: Path, content: bytes) -> N
         (hdr(RGBE, b"FORMAT=Radiance_spectra\n"), "got 'Radiance_spectra'"),
         (hdr(RGBE, b"FORMAT=\n"), "got ''"),
         (hdr(RGBE, FORMAT + b"\n"), "expected a size .*, got ''"),
-        (hdr(RGBE, FORMAT + b"x" * 2**20), "not end.* in the first MiB"),
+        (hdr(RGBE, FORMAT + b"x" * 2**20), "not end.* within the first MiB"),
         (hdr(RGBE, b"EXPOSURE=0\n"), "bad header line 'EXPOSURE=0'"),
         (hdr(RGBE, b"EXPOSURE=-1\n"), "bad header line"),
         (hdr(RGBE, b"EXPOSURE=nan\n"), "bad header line"),

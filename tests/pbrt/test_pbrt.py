@@ -142,7 +142,7 @@ def test_a_scene_has_the_camera_and_light_of_the_conventions(version):
 
 
 def test_pbrt_4_renders_as_many_samples_as_asked_for():
-    # Its zsobol sampler would round a number that is no power of two down.
+    # Its zsobol sampler would round other numbers down to a power of two.
     assert 'Sampler "zsobol" "integer pixelsamples" [8]' in scene_text(4, 8)
     assert 'Sampler "halton" "integer pixelsamples" [10]' in scene_text(4, 10)
 
@@ -335,7 +335,7 @@ def test_part_4_with_pbrt_needs_no_opencl(tmp_path, script):
         f"sphere_{n}spp.{suffix}" for n in (3, 4) for suffix in ("pfm", "ppm", "png")
     }
     assert "4 spp: used: the sampler zsobol; 4 is a power of two" in result.stdout
-    assert "3 spp: used: the sampler halton; 3 is no power of two" in result.stdout
+    assert "3 spp: used: the sampler halton; 3 is not a power of two" in result.stdout
     for spp in (3, 4):
         assert f"{spp} spp: skipped: OpenCL kernels; PBRT-v4 ({program}) rendered" in result.stdout
         assert f"{spp} spp: skipped: scaling of the map" in result.stdout
@@ -551,7 +551,7 @@ def test_an_image_of_another_scene_is_told(device, stiff, resolution):
         2 * noisy,
         *((noisy[::-1], noisy[:, ::-1], noisy[..., ::-1]) if resolution > 9 else ()),
     ):
-        assert "where the map calls for" in deviation(wrong, stiff)
+        assert "where the map should give" in deviation(wrong, stiff)
     assert deviation(np.ones((2, 2, 3)), stiff) is None  # too few pixels to know their noise
     with pytest.raises(LightdomeError, match="must have the shape"):
         deviation(noisy[1:], stiff)
