@@ -298,9 +298,9 @@ def test_a_verdict_needs_every_goal_and_nan_misses_any() -> None:
 
 def test_limits_are_remarked_where_they_bind() -> None:
     remark = Result("x", "g", "c", {"tiny": 0.5, "subnormal": 7, "undrawn": 3, "undrawn_flux": 1e-9}).remark
-    assert "7 pixels with p < 2^-126 are exact to 2^-149" in remark
+    assert "7 pixels with p < 2^-126 are exact only to 2^-149" in remark
     assert "3 lit pixels, 1e-09 of the flux" in remark
-    assert "exact to 2^-149" not in Result("x", "g", "c", {"tiny": 5, "subnormal": 7}).remark
+    assert "exact only to 2^-149" not in Result("x", "g", "c", {"tiny": 5, "subnormal": 7}).remark
 
 
 def test_colours_are_light_where_a_goal_holds_and_dark_where_not() -> None:
