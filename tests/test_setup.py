@@ -36,7 +36,7 @@ case "$*" in
 *'import pathlib, pyopencl'*) echo "$STATE" ;;
 '-m lightdome devices')
     [ -e "$STATE/device" ] || exit 1
-    printf 'Some device\ntaken (*): the only one\n'
+    printf 'Some device\nused (*): the only one\n'
     [ ! -e "$STATE/slow" ] || echo 'note: it is slow' ;;
 esac
 """

@@ -99,7 +99,7 @@ def test_a_map_is_told_as_it_is_turned(run: object, tmp_path: Path) -> None:
     np.testing.assert_allclose(sun + rest, expected.radiance, rtol=1e-6)
     status, _, errors = run(DEFAULT, "--rotate", "0", "20", "0")
     assert status == 1
-    assert "turns by whole columns only" in errors
+    assert "can only turn by whole columns" in errors
     assert "lightdome convert" in errors
 
 

@@ -126,7 +126,7 @@ ONE_PIXEL[2, 3] = 1
         (np.zeros((8, 16, 3), np.float32), ("--method", "r2"), "black everywhere"),
         (ONE_PIXEL, ("--count", 2), "only 1 of the map's pixels have light.*--count"),
         (with_sun(), ("--method", "sun+median-cut", "--count", 1), "at least 2"),
-        (np.where(with_sun() > 1, with_sun(), 0), ("--method", "sun+median-cut"), "nothing but the sun"),
+        (np.where(with_sun() > 1, with_sun(), 0), ("--method", "sun+median-cut"), "no light but the sun"),
         (np.ones((8, 16, 3), np.float32), ("--method", "sun+median-cut"), "no sun"),
         (np.full((8, 16, 3), 3e38, np.float32), ("--format", "pbrt", "--count", 1), "scale the map down"),
     ],

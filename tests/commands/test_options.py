@@ -359,7 +359,7 @@ def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
             with pytest.raises(SystemExit):
                 world.run(script, "--rotate", *bad)
         for turn in (["1"], ["0", "20", "30"]):
-            with pytest.raises(LightdomeError, match=r"whole columns only, and this one has 32; .* --samples-only$"):
+            with pytest.raises(LightdomeError, match=r"whole columns, of which it has 32; .* --samples-only$"):
                 world.base(script, "--samples-only", "--rotate", *turn)
 
 

@@ -144,7 +144,7 @@ def test_the_script_end_to_end(
     monkeypatch.setattr(sys, "argv", ["bench.py", "--map", str(tmp_path / "map.pfm"), *map(str, options)])
     module_of("bench").main()
     assert len(drawn) == 4  # test_peers.py looks at the files
-    assert "cheapest method measured" in capsys.readouterr().out
+    assert "fastest method measured" in capsys.readouterr().out
 
     with (out / "bench.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))

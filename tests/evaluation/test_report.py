@@ -147,8 +147,8 @@ WANTED = {"map": {"sha256": "ours"}, "versions": {"lightdome": __version__}, "op
 @pytest.mark.parametrize(
     ("there", "reason"),
     [
-        (("other",), "map.sha256 is another"),
-        (("ours", "0.0.1"), "versions.lightdome is another"),
+        (("other",), "map.sha256 differs"),
+        (("ours", "0.0.1"), "versions.lightdome differs"),
         (None, ""),
     ],
 )

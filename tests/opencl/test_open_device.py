@@ -115,7 +115,7 @@ def test_devices_are_listed_with_their_rates_and_the_one_that_is_taken_first(dev
     result = subprocess.run([sys.executable, "-m", "lightdome", "devices"], capture_output=True, text=True)
     assert result.returncode == 0
     taken, why, _, *table = result.stdout.splitlines()
-    assert why.startswith("taken (*): ")
+    assert why.startswith("used (*): ")
     (row,) = (line for line in table if line.startswith("*"))
     platform, index = map(int, row.split()[1].split(":"))
     handle = cl.get_platforms()[platform].get_devices()[index]
