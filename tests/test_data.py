@@ -301,5 +301,5 @@ def test_the_real_grace_map_is_accepted_and_not_fetched_twice(script: Script, tm
     assert "Paul Debevec" in first.stdout
     again = script("get_grace", "--from", "http://127.0.0.1:1/never", "--out", out)
     assert again.returncode == 0
-    assert "already there" in again.stdout
+    assert "already exists" in again.stdout
     assert [file.name for file in tmp_path.iterdir()] == ["g.exr"]

@@ -245,7 +245,7 @@ def test_no_python_that_runs_is_one_line(machine: Machine, broken: str) -> None:
 def test_a_named_python_that_does_not_run_is_one_line(machine: Machine) -> None:
     result = machine.set_up(PYTHON="/nonexistent/python")
     assert result.returncode == 1
-    assert result.stderr == "set-up: PYTHON=/nonexistent/python is not a Python 3.10 or newer that runs\n"
+    assert result.stderr == "set-up: PYTHON=/nonexistent/python is not a working Python 3.10 or newer\n"
 
 
 def test_whatever_pip_fails_at_is_one_line_with_its_reason(machine: Machine) -> None:

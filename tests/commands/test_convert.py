@@ -103,7 +103,7 @@ def test_a_file_that_cannot_be_written_is_refused_before_the_map_is_read(
         run(monkeypatch, path, path.with_name("out.hdr"), "--to", "latlong")
     with pytest.raises(LightdomeError, match="no folder"):
         run(monkeypatch, path, path.parent / "nowhere" / "out.pfm", "--to", "latlong")
-    with pytest.raises(LightdomeError, match="only an .exr file can say in its header"):
+    with pytest.raises(LightdomeError, match=r"only an \.exr file can say in its header"):
         run(monkeypatch, path, path.with_name("out.pfm"), "--to", "cube-openexr")
 
 

@@ -593,4 +593,4 @@ port.chmod(0o755)
     assert done.returncode == 0, done.stderr
     assert f"installed pbrt-r4 4.5.2: {tmp_path / 'cache'}" in done.stdout
     (tmp_path / "cargo").unlink()
-    assert "pbrt-r4 4.5.2 is there" in script("get_pbrt", **found).stdout
+    assert "pbrt-r4 4.5.2 is already installed" in script("get_pbrt", **found).stdout
