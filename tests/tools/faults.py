@@ -1,7 +1,7 @@
-"""Small faults that somebody might make, for mutate.py: each must be noticed by a test.
+"""Small faults that somebody might introduce, for mutate.py: a test must notice each of them.
 
-A fault names its file without a folder and the text that it replaces, which is there once. ``tests`` are those that
-may notice it, files or single tests, the quickest first; without any, those of :data:`TESTS`. Where nobody could see
+A fault names its file, without a folder, and the text that it replaces, which must occur exactly once. ``tests`` lists
+the files or single tests that may notice it, the quickest first; by default those of :data:`TESTS`. If nobody could see
 the difference, ``equivalent`` says why.
 """
 
@@ -13,7 +13,7 @@ from functools import partial
 
 @dataclass(frozen=True)
 class Fault:
-    """``text`` in ``file`` becomes ``replacement``; ``why`` is what somebody may have thought."""
+    """``text`` in ``file`` becomes ``replacement``; ``why`` names the kind of slip."""
 
     area: str  # kernels, host or commands
     name: str
@@ -2235,7 +2235,7 @@ FAULTS: list[Fault] = [
         "            if False:\n                return",
         "a case forgotten",
     ),
-    # ---- the host: measurements and what is made of them ----
+    # ---- the host: measurements and reports ----
     host(
         "benchmark: every seed is 0",
         "benchmark.py",
