@@ -76,7 +76,7 @@ def wholes(what: str, values: object, low: int, high: int) -> list[int]:
         raise LightdomeError(f"{what} must be a list of whole numbers from {low} to {high}, got {told(values)}")
     result = [whole(f"each of the {what}", value, low, high) for value in values]
     if not result:
-        raise LightdomeError(f"{what} must be at least one whole number from {low} to {high}, got none")
+        raise LightdomeError(f"{what} must hold at least one whole number from {low} to {high}, got none")
     return result
 
 

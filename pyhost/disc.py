@@ -1,8 +1,7 @@
 """The projected sphere in the image: which pixels it covers, and the tiles that cover it.
 
 Pixel (i, j) of an R x R image, i columns from the left and j rows from the top, has n_x = a / R and n_y = b / R with
-the
-integers a = 2i + 1 - R and b = R - 2j - 1. It lies inside if a^2 + b^2 < R^2.
+the integers a = 2i + 1 - R and b = R - 2j - 1. It lies inside if a^2 + b^2 < R^2.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ def light_exponent(total: float) -> int:
 
 
 def to_float32(image: np.ndarray, exponent: int = 0) -> np.ndarray:
-    """``image`` x 2^exponent in float32; values beyond the largest float32 become that."""
+    """``image`` x 2^exponent in float32; values beyond float32's range are clamped to it."""
     if exponent:
         image = np.ldexp(image.astype(np.float64), exponent)
     with np.errstate(over="ignore"):  # infinities are clamped below

@@ -75,8 +75,7 @@ class Estimator:
 
 
 # Operations common to all: a Sobol point (two coordinates, each scrambled and bit-reversed), the cosine (3), its
-# divisor
-# (4) and the sum (3). Comments name what each estimator adds.
+# divisor (4) and the sum (3). Comments name what each estimator adds.
 _SAMPLE = 2 * (8 + 23) + 10
 _LIGHT = _SAMPLE + 2  # sin(theta) cos(phi) and sin(theta) sin(phi)
 _BSDF = _SAMPLE + 2 + 12 + 12 + 24  # square roots, sine and cosine, a frame around n, two arctangents

@@ -24,7 +24,7 @@ from pathlib import Path
 URL = "https://raw.githubusercontent.com/mmp/pbrt-v2/master/scenes/textures/grace_latlong.exr"
 SIZE = 1_726_329
 SHA256 = "7c017bce200658354d72774712e51f039d472aa1399a91c2d0e3eb81ca909079"
-SILENCE = 20  # seconds without a byte or a connection
+SILENCE = 20  # seconds to wait for a connection or for a byte
 ELSEWHERE = "try again, or get the file elsewhere and pass it with --from FILE"
 
 
@@ -82,7 +82,7 @@ def main() -> None:
         print(f"{arguments.out} already exists and is the right file: nothing to do")
         return
     fetch(arguments.source, arguments.out)
-    print(f"wrote {arguments.out}: the Grace Cathedral light probe by Paul Debevec, {SIZE:,} bytes, sum checked")
+    print(f"wrote {arguments.out}: the Grace Cathedral light probe by Paul Debevec, {SIZE:,} bytes, checksum verified")
 
 
 if __name__ == "__main__":

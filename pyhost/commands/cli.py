@@ -113,7 +113,7 @@ def _data_folder() -> Path:
 
 
 def map_options(parser: argparse.ArgumentParser, positional: bool = False) -> None:
-    """Add ``--map`` and the options on how to read it, for :func:`load_map`.
+    """Add ``--map`` and the options for reading it, for :func:`load_map`.
 
     The default is Grace if it is in the folder of :func:`_data_folder`, else the map that comes with lightdome. With
     ``positional``, the map is a required positional argument.

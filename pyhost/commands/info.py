@@ -176,7 +176,7 @@ def _angles(azimuth: float, elevation: float) -> str:
 
 
 def _sun(sun: Sun) -> str:
-    share = f"radius {sun.angular_radius_degrees:.2f}, {100 * sun.flux_share:.3g} % of the light"
+    share = f"radius {sun.angular_radius_degrees:.2f} degrees, {100 * sun.flux_share:.3g} % of the light"
     bound = ", at least: it is clipped" if sun.is_clipped else ""
     irradiance = " ".join(f"{value:.4g}" for value in sun.irradiance_rgb_radiance_sr)
     return f"{_angles(sun.azimuth_degrees, sun.elevation_degrees)}, {share}; irradiance {irradiance}{bound}"

@@ -91,7 +91,7 @@ def _stop(process: multiprocessing.process.BaseProcess, connection: Connection) 
 
 def _work(connection: Connection) -> None:
     """Make the worker and describe it, then serve calls; each answer is (result, error)."""
-    # Dr.Jit and LLVM print many lines, though one line says what is wrong.
+    # Silence Dr.Jit and LLVM, which complain over many lines where one line says what is wrong.
     with Path(os.devnull).open("wb") as nowhere:
         os.dup2(nowhere.fileno(), 1)
         os.dup2(nowhere.fileno(), 2)

@@ -46,7 +46,7 @@ class MitsubaRenderer:
     """Mitsuba with a map, which renders the sphere under it with one of :data:`VARIANTS`.
 
     ``MitsubaRenderer(variant, radiance)`` raises :class:`LightdomeError` if Mitsuba is missing or does not work, and
-    for ``llvm_ad_rgb`` also if LLVM 17 or newer is. Its process ends with the object. ``about`` describes what runs:
+    for ``llvm_ad_rgb`` also without LLVM 17 or newer. Its process ends with the object. ``about`` describes what runs:
     the version, LLVM, threads, the seconds of its start (including a first, small image), and for each number of
     samples requested, how many were taken per pixel.
     """

@@ -40,7 +40,7 @@ Timed = Callable[[int, int, int], tuple[np.ndarray, dict[str, float]]]  # (resol
 
 @dataclass
 class Peers:
-    """Available ``methods``; ``about`` each, in JSON types only; why ``absent`` ones are, in a line each."""
+    """Available ``methods``; what each is ``about``, in JSON types only; why others are ``absent``, in one line."""
 
     methods: dict[str, Method] = field(default_factory=dict)
     about: dict[str, dict[str, object]] = field(default_factory=dict)

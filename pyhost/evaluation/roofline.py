@@ -8,8 +8,8 @@ nothing). A stage must move some bytes and perform some operations, so the machi
 
 The ratio of that time to the stage's own time tells how close it comes to the roof of Williams, Waterman, Patterson,
 Roofline: An Insightful Visual Performance Model (2009). The bandwidth is that of a copy of as many bytes as the stage
-moves, because small maps fit a cache and large ones do not. A stage that is little more than a copy is timed in turn
-with that copy. See :mod:`lightdome.evaluation.roofline_stages` for what is counted, and
+moves, because small maps fit a cache and large ones do not. A stage that is little more than a copy is timed
+alternately with that copy. See :mod:`lightdome.evaluation.roofline_stages` for what is counted, and
 :mod:`lightdome.evaluation.roofline_plot` for the plots.
 """
 

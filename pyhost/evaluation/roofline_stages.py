@@ -66,7 +66,7 @@ class Stage:
 
     With None for ``events``, all events but transfers count. ``map_shape`` is (height, width), or None if no map is
     read. ``N`` is the number of samples or lights, for per-pixel estimators the samples per pixel, for harmonics the
-    order. A stage that is little more than a copy is run in turn with one, ``beside_copy``, because a core that slept
+    order. A stage that is little more than a copy alternates with one, ``beside_copy``, because a core that has slept
     slows down both.
     """
 

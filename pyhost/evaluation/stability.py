@@ -65,7 +65,7 @@ COLUMNS = {
 LIMITS = {
     "subnormal": "lit pixels with p < 2^-126",
     "undrawn": "lit pixels below the CDFs' steps, never drawn",
-    "undrawn_flux": "their part of the flux",
+    "undrawn_flux": "their share of the flux",
 }
 
 Figures = dict[str, float]  # by names from COLUMNS and LIMITS

@@ -56,8 +56,8 @@ LIMITS = {
     LARGEST_HALF: "the largest half float",
     LARGEST: "the largest float",
 }
-# A channel's top is flat if FLAT of the solid angle within NEARLY of the largest value has exactly that value. A smooth
-# top, in steps of RGBE's 1/256, has little.
+# A channel's top is flat if FLAT of the solid angle within NEARLY of the largest value has exactly that value. Of a
+# smooth top, even in RGBE's steps of 1/256, only a small share has it.
 NEARLY, FLAT = 0.75, 0.2
 
 
@@ -82,19 +82,19 @@ class Clipping:
 
 @dataclass(frozen=True)
 class Analysis:
-    """What :func:`analyse` found. Radiance and luminance are in the map's own unit; ``_sr`` means that x steradian.
+    """What :func:`analyse` found. Radiance and luminance are in the map's own unit; ``_sr``: that unit x steradian.
 
     - ``format``: the file's, None for an array; ``projection``: ``"latlong"``; ``notes``: remarks
     - ``nan_pixels``, ``infinite_pixels``, ``negative_pixels``: pixels with such a value in any channel; minus infinity
       counts as negative
     - ``luminance_...``: over pixels; ``..._by_solid_angle``: weighted by solid angle, so that the many pixels at the
-      poles do not count too much: half of all directions are at most as bright as the median
+      poles do not count too much. Half of all directions are at most as bright as that median
     - ``range_stops``: log2 of the ratio of the maximum to the luminance below which 1 % of the lit solid angle lies
     - ``mean_radiance_rgb``: over all directions; ``flux_rgb_radiance_sr``: 4 pi times that
     - ``irradiance_..._rgb_radiance_sr``: on a surface that faces up (+y), down (-y), +x, -x, +z or -z
     - ``mean_direction_length``: length of the mean direction, weighted by flux: 0 for light from everywhere, 1 for
-      light from one direction. ``mean_direction_azimuth_degrees`` and ``..._elevation_degrees`` are as in :class:`Sun`,
-      and None if the length is 0
+      light from one direction. ``mean_direction_azimuth_degrees`` and ``..._elevation_degrees`` are as in :class:`Sun`;
+      they are None if the length is 0
     - ``flux_share_of_1_pixel``, ...: the share of the pixels that have the most flux
     - ``effective_pixels``: 1 / sum of p^2, where p is a pixel's share of the flux
     - ``samples_for_1_percent_error``: independent samples that all pixels share, see :func:`analyse`; None without

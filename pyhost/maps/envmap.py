@@ -1,7 +1,7 @@
 """A latitude-longitude environment map, checked, and the geometry of its pixels.
 
 Row 0 is the top. Pixel centres lie at theta = pi (y + 1/2) / H and phi = 2 pi (x + 1/2) / W; their
-directions are (sin theta cos phi, cos theta, sin theta sin phi), so +y is up.
+directions are (sin(theta) cos(phi), cos(theta), sin(theta) sin(phi)), so +y is up.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Replaced:
 
     @property
     def note(self) -> str:
-        """This as a line of text."""
+        """The same information as a line of text."""
         kinds = {"NaN by 0": self.nan, f"infinite by {self.infinity:g}": self.infinite, "negative by 0": self.negative}
         said = ", ".join(f"{n} {kind}" for kind, n in kinds.items() if n)
         plural = "s were" if self.pixels > 1 else " was"
@@ -62,11 +62,10 @@ class EnvironmentMap:
     """Radiance by direction: ``radiance`` is (H, W, 3) float32, finite, 0 or above, and read-only.
 
     ``EnvironmentMap(radiance)`` copies its array and checks it. Bad pixels raise a :class:`LightdomeError`, which
-    counts
-    them and names the first. With ``sanitize`` they are replaced instead, and ``replaced`` says how: ``"black"``, or
-    True, makes each bad value 0; ``"clamp"`` makes infinite values the largest finite value of the array's type (65504
-    for half floats), and the others 0. ``notes`` are remarks on the file that :meth:`read` read: which layer it took, a
-    factor in the header that it divided out, and so on.
+    counts them and names the first. With ``sanitize`` they are replaced instead, and ``replaced`` says how:
+    ``"black"``, or True, makes each bad value 0; ``"clamp"`` makes infinite values the largest finite value of the
+    array's type (65504 for half floats), and the others 0. ``notes`` are remarks on the file that :meth:`read` read:
+    which layer it took, a factor in the header that it divided out, and so on.
 
     Maps are equal if their radiance is equal, whatever file they come from. They cannot be hashed.
     """
@@ -308,7 +307,7 @@ class Inspection:
         return pixels
 
     def refuse_bad_pixels(self, name: str) -> None:
-        """Raise :class:`LightdomeError`, with their count and the first, unless they are to be replaced."""
+        """Raise :class:`LightdomeError` for bad pixels that are not to be replaced, with their count."""
         if self._first is None or self.sanitize:
             return
         kinds = ", ".join(f"{n} {kind}" for kind, n in self._kinds.items() if n)

@@ -127,7 +127,7 @@ def _specs(path: Path, file: oiio.ImageInput) -> list[oiio.ImageSpec]:
 
 
 def _part(path: Path, spec: oiio.ImageSpec) -> Part:
-    if spec.get_int_attribute("openexr:luminancechroma"):  # OpenImageIO before 3.2 calls them R, G, B; cannot read them
+    if spec.get_int_attribute("openexr:luminancechroma"):  # OpenImageIO before 3.2 calls them R, G, B and fails
         raise LightdomeError(
             f"{path}: this version of OpenImageIO cannot read luminance-chroma channels (Y, RY, BY);"
             " update OpenImageIO, or save the file as R, G, B"
@@ -170,8 +170,8 @@ def _notes(path: Path, spec: oiio.ImageSpec, layer: Layer, chosen: bool) -> Iter
         yield f"note: the map in {path} is its layer {quoted(layer.label)}; --layer NAME chooses another"
     if spec.get_string_attribute("textureformat") == "LatLong Environment":
         yield (
-            f"note: {path} says envmap = latlong: for OpenEXR its outermost pixels lie on the border, the first and"
-            " last rows on the poles; lightdome takes these places as pixel centres, up to half a pixel off"
+            f"note: {path} says envmap = latlong: OpenEXR places its outermost pixels on the border, the first and"
+            " last rows on the poles; lightdome places their centres half a pixel inside, so that much is off"
         )
 
 

@@ -1,7 +1,7 @@
 """Where the pixels of a latitude-longitude map lie: angles and solid angles of rows and columns.
 
 Row 0 is the top. Pixel centres lie at theta = pi (y + 1/2) / H and phi = 2 pi (x + 1/2) / W; their
-directions are (sin theta cos phi, cos theta, sin theta sin phi), so +y is up.
+directions are (sin(theta) cos(phi), cos(theta), sin(theta) sin(phi)), so +y is up.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ def mark_pixels(image: np.ndarray, pixel: np.ndarray, size: int, colour: tuple[f
 
 
 def _spread(marked: np.ndarray, before: int, after: int, wrap: bool) -> None:
-    """Also mark the entries of a row up to ``before`` places before a marked one, and up to ``after`` places behind."""
+    """Also mark entries up to ``before`` places before a marked one in its row, and up to ``after`` places after it."""
     count, length = marked.shape
     before, after = min(before, length), min(after, length)
     entry = np.arange(length)

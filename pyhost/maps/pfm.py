@@ -57,13 +57,13 @@ def open_pfm(path: Path) -> Iterator[ImageSource]:
         row_bytes = columns * channels * number.itemsize
         first_byte = path.stat().st_size - rows * row_bytes
         gap = start[header.end() : first_byte] if header.end() < first_byte <= len(start) else b""
-        # A single white-space character may be all, unless a new line follows: then the pixels lack a byte.
+        # A gap of one white-space character is valid, unless a new line follows: then the pixels lack a byte.
         a_byte_short = b"\n" in start[: header.end()] and start[first_byte:].startswith(b"\n")
         if not (AFTER_SCALE.fullmatch(gap) or (len(gap) == 1 and gap.isspace() and not a_byte_short)):
             raise damaged(
                 path,
-                f"{columns} x {rows} pixels take {rows * row_bytes} bytes, but after its header come"
-                f" {path.stat().st_size - header.end() - 1}",
+                f"{columns} x {rows} pixels take {rows * row_bytes} bytes, but the file has after its header"
+                f" {path.stat().st_size - header.end() - 1} bytes",
             )
 
         def read(first: int, end: int) -> np.ndarray:

@@ -5,8 +5,8 @@ left edge and y from the top edge, so the pixel in row j and column i has its ce
 are lightdome's: unit vectors with +y up. "Looks along -z" means that the middle of an image, or of a face, shows the
 direction -z, with +x on its right and +y at its top, as a camera would see it.
 
-- ``latlong``, 2:1: x is phi, y is theta, see :mod:`lightdome.maps.geometry`. The middle shows -x, three quarters of the
-  way to the right -z.
+- ``latlong``, 2:1: x is phi, y is theta, see :mod:`lightdome.maps.geometry`. The middle shows -x; -z is three quarters
+  of the way from left to right.
 - ``angular``, 1:1: a disc that looks along -z. The distance from the middle is the angle to -z, pi on the rim:
   r = acos(-z) / pi. Debevec, Light Probe Image Gallery (1998), which writes acos(z) where its text turns away from -z.
 - ``mirror``, 1:1: a mirrored ball seen from afar, r = sin(acos(-z) / 2), as in skylibs: the middle shows -z, and +x is

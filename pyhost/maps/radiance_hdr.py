@@ -9,8 +9,8 @@ last, in any of its eight orientations.
 A scan line is packed by component (it begins with 2 2), or is plain pixels, or plain pixels with old-style run lengths:
 a pixel (1, 1, 1, n) repeats the pixel before it n times, and in each such pixel that follows another, n counts 256
 times as much. OpenImageIO mistakes run lengths for pixels, confuses two of the orientations, ignores both factors, and
-refuses many valid headers. So, for speed, it is left only what it cannot get wrong: packed lines below a header that it
-knows.
+refuses many valid headers. So it is used, for speed, only where it cannot go wrong: for packed lines below a header
+that it is known to read.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ from ..progress import Progress
 from .projections import Projection
 
 POINTS = 2**21  # points in an image, at least; at most 8 x 8 per pixel, and 2 x 2 per pixel in a large image
-AT_ONCE = 2**15  # points; their temporaries stay within the cache's reach
+AT_ONCE = 2**15  # points per batch, so that temporary arrays fit in the cache
 KEPT = 2**24  # points whose overlaps are kept between passes, 20 bytes each; the rest are found again
 THREADS = min(8, os.cpu_count() or 1)  # numpy releases Python's lock
 AHEAD = 2 * THREADS  # batches started before they are needed
@@ -40,7 +40,7 @@ PASSES = 3
 TINY = 1e-300
 ORTHOGONAL = 1e-6  # how far the product of a rotation with its transpose may be from 1
 
-_Points = tuple[int, float, float]  # their first row, and their place in each pixel, down and right
+_Points = tuple[int, float, float]  # the first row of a batch, and its points' place in each pixel, down and right
 _Batch = tuple[int, _Points]  # 0 for points of the source, 1 for those of the target
 
 

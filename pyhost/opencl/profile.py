@@ -7,7 +7,7 @@ from typing import Any
 
 import pyopencl as cl
 
-PENDING = 64  # the most events that are kept, with the arrays that their commands use
+PENDING = 64  # the most events that are pending, and so kept with their commands' arrays
 
 
 class Profile:

@@ -46,7 +46,7 @@ def test_the_text_begins_with_the_verdicts(run: object, bad: Path) -> None:
     lines = first.splitlines()
     assert lines[0] == f"{DEFAULT}: 1024 x 512, OpenEXR, half, latlong"
     assert lines[1].split()[:3] == ["clipping", "not", "clipped:"]
-    assert "azimuth 118.1, elevation 24.3 degrees, radius 1.31, 21.3 % of the light" in lines[2]
+    assert "azimuth 118.1, elevation 24.3 degrees, radius 1.31 degrees, 21.3 % of the light" in lines[2]
     assert lines[3].split() == ["bad", "pixels", "none"]
     assert "1 NaN, 1 negative" in second
     assert all(len(line) < 140 for line in said.splitlines())
