@@ -66,7 +66,7 @@ def program() -> Pbrt:
 
 @pytest.fixture(scope="session")
 def stiff() -> EnvironmentMap:
-    """A small map that is hard to sample: odd sizes, 10 orders of magnitude, black holes."""
+    """A small map that is hard to sample: odd sizes, 10 orders of magnitude, black pixels."""
     return EnvironmentMap(stiff_radiance(21, 43))
 
 

@@ -251,7 +251,7 @@ def test_the_numbers_are_those_of_the_runs(device: Device, small_map: Path, made
     assert d["renderer"] == results.settings["part4"]["pbrt"]
     assert d["bench"]["absent"] == ["pbrt (no pbrt on PATH)"]
     assert d["seeds"][0][:3] == ["independent", "4", "2"]
-    # Parts 2 and 3 share their samples: so their errors hardly fall, unlike those of part 4.
+    # Pixels of part 3 share their samples, so the errors hardly fall, unlike those of part 4.
     fallen = {name: float(times) for name, *_, times in d["averaging"]}
     assert fallen["64 shared"] < 2 < 5 < fallen["64 per pixel"]
 

@@ -1,4 +1,4 @@
-"""The limits are those of kernels that do their work, and stages are compared with them by correct counts."""
+"""The limits are those of kernels that do their work, and stages are compared with them from correct counts."""
 
 from __future__ import annotations
 

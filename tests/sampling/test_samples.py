@@ -160,7 +160,7 @@ def test_a_header_that_lies_about_the_size_costs_no_memory(saved: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["missing.npz", "folder.npz", "text.npz", "empty.npz", "single.npz"])
-def test_other_files_than_samples_are_refused(tmp_path: Path, name: str) -> None:
+def test_files_other_than_samples_are_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / "folder.npz").mkdir()
     (tmp_path / "text.npz").write_text("no samples")
     (tmp_path / "empty.npz").touch()

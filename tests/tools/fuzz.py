@@ -200,7 +200,7 @@ def flip_bits(rng: np.random.Generator, content: bytes) -> bytes:
 
 
 def overwrite(rng: np.random.Generator, content: bytes) -> bytes:
-    """Write an integer of 1, 2, 4 or 8 bytes that readers often get wrong at a random place."""
+    """At a random place, write an integer of 1, 2, 4 or 8 bytes that readers often get wrong."""
     size = int(rng.choice([1, 2, 4, 8]))
     at = _place(rng, content)
     value = int(rng.choice(len(NUMBERS)))

@@ -279,7 +279,7 @@ def main() -> int:
             print(f"{fault.file:<22}{fault.name:<58}{fault.why}")
         return 0
     if not faults:
-        parser.error("no fault or file has {' or '.join(args.names)} in its name")
+        parser.error(f"no fault or file has {' or '.join(args.names)} in its name")
     verdicts: list[Verdict] = []
     with tempfile.TemporaryDirectory(prefix="lightdome-faults-", ignore_cleanup_errors=True) as folder:
         try:
