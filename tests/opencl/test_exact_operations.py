@@ -26,7 +26,7 @@ kernel void roots(global const float *of, global float *result)
 
 
 def run(device: Device, kernel: str, array: np.ndarray, off: int = 0) -> np.ndarray:
-    """The result of ``kernel`` for ``array``; ``off`` is added to the device's own roots of 2^46 to 2^48."""
+    """The result of ``kernel`` for ``array``; ``off`` is added to the device's roots of squares, 2^46 to 2^48."""
     text = source("common/within_pixel.clh").replace("sqrt((float)square)", f"(sqrt((float)square) + {off})")
     assert f"+ {off})" in text
     options = ["-cl-std=CL1.2", f"-DCPU={int(not device.is_gpu)}"]
