@@ -219,7 +219,7 @@ def test_a_program_is_found_by_its_file_or_folder(tmp_path, folder):
 def test_a_program_is_found_on_path_else_where_it_was_installed(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    with pytest.raises(LightdomeError, match=r"no PBRT on PATH; install one \(cargo install pbrt-r4"):
+    with pytest.raises(LightdomeError, match=r"no PBRT on PATH; install it \(cargo install pbrt-r4"):
         find_pbrt()
     installed_port().parent.mkdir(parents=True)
     port = stand_in(installed_port().parent, PORT, "pbrt-r4")
@@ -254,7 +254,7 @@ def test_an_unknown_program_is_refused(tmp_path, body, message):
 
 @with_stand_ins
 def test_a_path_without_a_program_is_refused(tmp_path):
-    with pytest.raises(LightdomeError, match="there is no"):
+    with pytest.raises(LightdomeError, match="does not exist"):
         find_pbrt(tmp_path / "pbrt")
     with pytest.raises(LightdomeError, match="in the folder"):
         find_pbrt(tmp_path)
