@@ -1,10 +1,10 @@
-"""A renderer of the diffuse sphere in numpy, as a student writes it, right or with one mistake at a time."""
+"""A renderer of the diffuse sphere in numpy, as a student might write it: correct, or with one mistake."""
 
 from __future__ import annotations
 
 import numpy as np
 
-# Each mistake, and what a check of its image must say.
+# Each mistake, and what the check of its image must say.
 MISTAKES = {
     "no sine": "no sin(theta)",
     "sine twice": "sin(theta) twice",
@@ -30,7 +30,7 @@ MISTAKES = {
     "one number": "one random number for row and column",
     "CDF from row 1": "CDF starts at row 1",
     "CDF sorted": "CDF sorted",
-    "zero weights": "agrees",  # of probability zero: no image shows it
+    "zero weights": "agrees",  # only where the probability is zero, which no image shows
     "other row": "row CDF of another row",
     "map encoded": "map gamma-encoded",
     "map decoded": "gamma decoded from linear values",
@@ -42,7 +42,7 @@ MISTAKES = {
     "flat normals": "normals not normalised",
     "normals without root": "normals without their root",
 }
-ALBEDO = {"no albedo over pi": 0.6}  # for the mistakes that no white sphere shows
+ALBEDO = {"no albedo over pi": 0.6}  # for mistakes that a white sphere does not show
 
 
 def render(
@@ -103,7 +103,7 @@ def render(
 
 
 def _pixels(L: np.ndarray, u: np.ndarray, v: np.ndarray, mistake: str | None) -> tuple[np.ndarray, ...]:
-    """Rows and columns that are drawn, and the weights by which they are."""
+    """The rows and columns drawn, and the weights they are drawn by."""
     height, width = L.shape[:2]
     weight = L @ np.array([0.2126, 0.7152, 0.0722]) if mistake == "Rec. 709" else L.mean(axis=2)
     powers = {"no sine": 0, "sine twice": 2}

@@ -1,4 +1,4 @@
-"""What the documentation says holds: its commands and programs run, its links and file names lead somewhere.
+"""The documentation is true: its commands and programs run, and its links and file names exist.
 
 In a block tagged ``sh`` every line is a command, run from the clone's folder with ``.venv`` active and with the
 arguments of ``CHEAP`` added. A line, or the first line for the whole block, may say ``# not run by the tests: `` and
@@ -38,10 +38,10 @@ CHEAP = {
     "scripts/test": "--collect-only tests/sampling/test_sequences.py",
 }
 
-# What runs once: the programs, and nothing that reads or writes what is there.
+# Commands that run once: the programs, if they do not read or write existing files.
 BY_ITSELF = ("scripts/bench.py", "scripts/test", ".venv/bin/lightdome devices")
 
-# In place of scripts/setup.sh: the machine is set up.
+# In place of scripts/setup.sh, since the machine is set up already.
 SET_UP = f"""\
 root=$(CDPATH='' cd -- "$(dirname -- "${{BASH_SOURCE[0]}}")/.." && pwd)
 python={sys.executable!r}
@@ -73,7 +73,7 @@ def commands(block: str) -> Iterator[str]:
 
 @pytest.fixture
 def clone(tmp_path: Path) -> Path:
-    """A clone that is set up, in which commands may write; its map is small."""
+    """A clone that is set up, with a small map, in which commands may write."""
     for path in ROOT.iterdir():
         if path.name not in (".git", ".venv", "out", "data", "docs", "scripts"):
             (tmp_path / path.name).symlink_to(path)
@@ -96,12 +96,12 @@ def clone(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def ran() -> set[str]:
-    """The commands of other pages that run once."""
+    """The run-once commands of other pages."""
     return set()
 
 
 def run(clone: Path, command: str) -> None:
-    """Run a command as a reader does, made cheap."""
+    """Run a command as a reader would, with cheap arguments."""
     cheap = [arguments for name, arguments in CHEAP.items() if f"{command} ".startswith(f"{name} ")]
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
     result = subprocess.run(
@@ -157,7 +157,7 @@ def test_links_and_images_resolve(page: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_files_that_are_named_are_there(page: Path) -> None:
+def test_files_that_are_named_exist(page: Path) -> None:
     ours = {
         path.name
         for folder in ("clkernels", "pyhost", "scripts", "tests", "docs", "data")
@@ -193,14 +193,14 @@ def test_help_says_the_defaults_and_has_an_example(name: str, script: Script) ->
     assert example.startswith(f"scripts/{name}.py ")
 
 
-def test_examples_of_the_help_run(script: Script, clone: Path, ran: set[str]) -> None:
+def test_examples_in_the_help_run(script: Script, clone: Path, ran: set[str]) -> None:
     for name in (
         "part1_fresnel",
         "part2_sample",
         "part3_shade",
         "part4_pbrt",
         "bench",
-    ):  # others have own tests
+    ):  # the others have their own tests
         (example,) = EXAMPLE.findall(script(name, "--help", COLUMNS="1000").stdout)
         if example not in ran:
             run(clone, example)
@@ -210,5 +210,5 @@ def test_the_version_is_written_once() -> None:
     assert version("lightdome") == lightdome.__version__
     written = [*PAGES, *(ROOT / name for name in ("setup.cfg", "setup.py", "pyproject.toml", "CITATION.cff"))]
     written = [path for path in written if lightdome.__version__ in path.read_text(encoding="utf-8")]
-    assert written == [ROOT / "CHANGELOG.md"]  # which says what is in it
+    assert written == [ROOT / "CHANGELOG.md"]  # it lists the changes
     assert f"\n## {lightdome.__version__} - " in written[0].read_text(encoding="utf-8")

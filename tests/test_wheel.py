@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow
 
 
 def run(*command: object, folder: Path) -> str:
-    """What a command says, which must succeed."""
+    """Run a command, which must succeed; returns its output."""
     words = [*map(str, command)]
     result = subprocess.run(words, capture_output=True, text=True, timeout=LONG, cwd=folder)
     assert result.returncode == 0, f"{words}\n{result.stdout}{result.stderr}"
@@ -28,7 +28,7 @@ def run(*command: object, folder: Path) -> str:
 
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A new environment with the wheel of the source archive in it; what lightdome needs is that of the tests."""
+    """A new environment with a wheel built from the source archive, and with the dependencies of the tests."""
     pytest.importorskip("build", reason="needs build, of the extra [dev]")
     folder = tmp_path_factory.mktemp("wheel")
     (folder / "clone").mkdir()

@@ -1,11 +1,11 @@
-"""Whether an image that another program rendered is the one that the map calls for.
+"""Check whether an image that another program rendered is the one that the map should give.
 
-Averages of the image over squares of pixels are compared with the irradiance of the normals in their centres, in
-float64 on the host. Squares beside each other make a block, whose differences scatter by the noise of the image: the
-mean of a block counts as wrong beyond ten of its standard errors. Differences by design (spectra, interpolation,
-pixels that are points or areas) are allowed for: 2 % of the brightest value, and more where a map has few rows. So an
-image by white light, of another map, mirrored, or of half the radiance is found; an error of some percent is not, nor
-one of 10 % at a single sample per pixel.
+Averages of the image over squares of pixels are compared with the irradiance at the normals in their centres, computed
+in float64 on the host. Neighbouring squares form a block, and the scatter of the differences within a block gives the
+image's noise: a block is wrong if its mean differs by more than ten standard errors. Differences by design (spectra,
+interpolation, pixels that are points or areas) are allowed for, with 2 % of the brightest value, and more if the map
+has few rows. So the check finds an image lit by white light or by another map, a mirrored image, and half the radiance;
+it does not find an error of a few percent, nor one of 10 % at a single sample per pixel.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ FEWEST = 9  # squares from which a standard error is estimated
 
 
 def deviation(image: np.ndarray, envmap: EnvironmentMap, albedo: float = 1.0) -> str | None:
-    """Where ``image``, (R, R, 3), is not the sphere under ``envmap``, and by how much, in one line; None if it is.
+    """Where and how far ``image``, (R, R, 3), differs from the sphere under ``envmap``, in one line; None if it agrees.
 
-    Says nothing of images so small that their noise is unknown. Raises :class:`LightdomeError` for an image of another
+    Always None for an image too small to estimate its noise. Raises :class:`LightdomeError` for an image of another
     shape, and for an albedo that is negative or not finite.
     """
     checks.instance("the map", envmap, EnvironmentMap)
@@ -63,13 +63,13 @@ def deviation(image: np.ndarray, envmap: EnvironmentMap, albedo: float = 1.0) ->
                 at = side * (min(x + BLOCK // 2, count - 1)), side * (min(y + BLOCK // 2, count - 1))
                 said = (
                     f"around pixel {at[0]}, {at[1]} its {['red', 'green', 'blue'][channel]} is"
-                    f" {here.mean(axis=0)[channel]:.3g} where the map calls for {wanted.mean(axis=0)[channel]:.3g},"
+                    f" {here.mean(axis=0)[channel]:.3g} where the map should give {wanted.mean(axis=0)[channel]:.3g},"
                     f" more than {STANDARD_ERRORS} standard errors away"
                 )
     return said
 
 
 def _squares(array: np.ndarray, side: int) -> np.ndarray:
-    """``array`` (R, R, C) as whole squares of pixels: (count, side, count, side, C)."""
+    """``array`` (R, R, C) split into whole squares of pixels: (count, side, count, side, C)."""
     count = len(array) // side
     return array[: count * side, : count * side].reshape(count, side, count, side, -1)

@@ -1,4 +1,4 @@
-"""What parts 1 to 4 say: decisions that hold for each result, given numbers to their last digit, and an order."""
+"""The output of parts 1 to 4: the decisions for each result, given numbers in full, and the order of results."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ def small_map(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def said(result: object, of: str) -> set[str]:
-    """What was explained of one result, without the reasons."""
+    """The explanations of one result, without the reasons."""
     lines = [line.removeprefix(f"{of}: ") for line in result.stdout.splitlines() if line.startswith(f"{of}: ")]
     return {line.partition(";")[0] for line in lines}
 
 
-def test_each_count_is_explained_by_itself(run_here: Script, small_map: Path, tmp_path: Path) -> None:
+def test_each_count_is_explained_separately(run_here: Script, small_map: Path, tmp_path: Path) -> None:
     result = run_here("part2_sample", "--map", small_map, "--counts", 1000, 4, "--explain", "--out", tmp_path)
     assert result.returncode == 0, result.stderr
     assert said(result, "4 samples") == {"skipped: guide tables"}
@@ -48,7 +48,7 @@ def test_each_count_is_explained_by_itself(run_here: Script, small_map: Path, tm
 
 
 @pytest.mark.parametrize(("counts", "guided"), [((3, 4), "skipped"), ((4, 1000), "used")])
-def test_samples_alone_are_explained(
+def test_samples_only_is_explained(
     run_here: Script, small_map: Path, tmp_path: Path, counts: tuple[int, int], guided: str
 ) -> None:
     options = ("--samples-only", "--explain", "--out", tmp_path)
@@ -66,7 +66,7 @@ def test_images_of_part_4_are_explained(run_here: Script, small_map: Path, tmp_p
     assert "skipped: scaling of weights" in said(result, "the map")
 
 
-def test_a_later_decision_takes_an_earlier_one_back() -> None:
+def test_a_later_decision_replaces_an_earlier_one() -> None:
     decisions = Decisions()
     decisions.skip("tables", "few")
     decisions.use("tables", "many")
@@ -74,7 +74,7 @@ def test_a_later_decision_takes_an_earlier_one_back() -> None:
     assert decisions.take() == []
 
 
-def test_what_is_noted_is_what_happens(device: Device) -> None:
+def test_decisions_are_what_happens(device: Device) -> None:
     def made() -> dict[str, bool]:
         return {decision.what: decision.used for decision in device.decisions.take()}
 
@@ -100,7 +100,7 @@ def test_what_is_noted_is_what_happens(device: Device) -> None:
         shade(device, direction, np.ones((1, 3)), 64, brute_force=brute_force)
         assert made()["brute force over pairs of pixel and light"] == (brute_force or device.is_gpu)
     shade(device, direction, np.ones((1, 3)), 1)
-    assert "tiles outside the disc" not in made()  # there are none
+    assert "tiles outside the disc" not in made()  # there are none outside
     list(render(build_distribution(device, EnvironmentMap(np.zeros((4, 8, 3)))), [1], 9))
     assert made()["rendering"] is False
 
@@ -160,7 +160,7 @@ def test_no_extreme_of_exposure_or_gamma_leaks_a_warning() -> None:
         with np.errstate(over="ignore"):
             exposed = radiance.astype(np.float64) * exposure
         for gamma in EXTREMES:
-            # By a large gamma any light is white, by a small one what is not burnt out is black.
+            # With a large gamma any light is white; with a small one, whatever is not white is black.
             white = exposed > 0 if gamma > 1 else exposed >= 1
             np.testing.assert_array_equal(tone_map(radiance, exposure, gamma), np.where(white, 255, 0))
 
@@ -178,7 +178,7 @@ def test_no_extreme_of_albedo_leaks_a_warning(device: Device) -> None:
 
 
 @pytest.mark.parametrize("eta", EXTREMES)
-def test_an_index_is_used_or_refused_for_a_true_reason(eta: float) -> None:
+def test_an_index_is_used_or_refused_for_the_right_reason(eta: float) -> None:
     if eta > 1e-323:
         assert summarise(eta).normal_reflectance_p == pytest.approx(1)
     else:

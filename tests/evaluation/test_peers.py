@@ -1,4 +1,4 @@
-"""Other programs on the same sphere: their images meet the exact one, and what is absent is said to be."""
+"""Other programs on the same sphere: their images meet the exact one, and absent programs are reported."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import write_image
 from lightdome.opencl.device import Device
 
-pytestmark = pytest.mark.slow  # most work for seconds, or start a stand-in
+pytestmark = pytest.mark.slow  # most run for seconds, or start a stand-in
 
 SIZE = 48
 
 
 @pytest.fixture(scope="module")
 def blocks() -> EnvironmentMap:
-    """A map without symmetry whose interpolation changes little: blocks of 8 x 8 equal pixels."""
+    """A map without symmetry that interpolation changes little: blocks of 8 x 8 equal pixels."""
     rng = np.random.default_rng(5)
     colours = np.exp(rng.normal(0, 1.5, (8, 16, 3))).astype(np.float32)
     return EnvironmentMap(colours.repeat(8, axis=0).repeat(8, axis=1))
@@ -51,7 +51,7 @@ def mitsuba(request: pytest.FixtureRequest, blocks: EnvironmentMap) -> Iterator[
 
 
 def lit(radiance: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """The sphere's pixels (M, 3) with the centres of the map's rows and columns at ``rows`` and ``columns``, pixels."""
+    """The sphere's pixels (M, 3) if the centres of the map's rows and columns were at ``rows`` and ``columns``."""
     height, width = radiance.shape[:2]
     theta, phi = np.meshgrid(np.pi * rows / height, 2 * np.pi * columns / width, indexing="ij")
     towards = np.stack([np.sin(theta) * np.cos(phi), np.cos(theta), np.sin(theta) * np.sin(phi)], axis=-1)
@@ -62,9 +62,9 @@ def lit(radiance: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarr
 
 
 def misplacements(image: np.ndarray, radiance: np.ndarray) -> dict[str, float]:
-    """How far the map that lit ``image`` is misplaced, in half pixels: its error fitted by what each would do.
+    """How far the map that lit ``image`` is misplaced, in half pixels, fitted from what each misplacement does.
 
-    ``stretched`` is the rows spread from pole to pole, their first and last centres on the poles.
+    ``stretched`` means that the rows are spread from pole to pole, with the first and last centres on the poles.
     """
     height, width = radiance.shape[:2]
     y, x = np.arange(height) + 0.5, np.arange(width) + 0.5
@@ -84,13 +84,13 @@ def assert_meets_exact(image: np.ndarray, device: Device, envmap: EnvironmentMap
     assert image.dtype == np.float32
     assert not image[~disc_mask(SIZE)].any()
     for flipped in (truth[::-1], truth[:, ::-1], truth[::-1, ::-1]):
-        assert reference.relative_rmse(flipped, truth) > 0.1  # else the comparison would not see it
+        assert reference.relative_rmse(flipped, truth) > 0.1  # otherwise the comparison would not notice
     assert reference.relative_rmse(image, truth) < 0.02
     for kind, halves in misplacements(image, envmap.radiance).items():
         assert abs(halves) < 0.4, kind
 
 
-def test_misplacements_are_seen(blocks: EnvironmentMap) -> None:
+def test_misplacements_are_detected(blocks: EnvironmentMap) -> None:
     image = np.zeros((SIZE, SIZE, 3))
     rows, columns = np.arange(blocks.height) + 1.0, np.arange(blocks.width)
     image[disc_mask(SIZE)] = lit(blocks.radiance, rows, columns)
@@ -176,7 +176,7 @@ def test_mitsuba_says_how_many_samples_it_took(mitsuba: peer_mitsuba.MitsubaRend
 @pytest.mark.peer
 @pytest.mark.skipif(not mitsuba_process.installed(), reason=f"needs Mitsuba: {peers.INSTALL}")
 @pytest.mark.skipif(os.name != "posix", reason="crashes are told by signals")
-def test_a_mitsuba_that_crashes_is_an_error_and_no_crash() -> None:
+def test_a_crash_of_mitsuba_is_only_an_error() -> None:
     others = set(multiprocessing.active_children())
     peer = peer_mitsuba.MitsubaRenderer("scalar_rgb", np.ones((2, 4, 3), np.float32))
     (child,) = set(multiprocessing.active_children()) - others
@@ -251,7 +251,7 @@ def test_a_peer_is_random_if_another_seed_gives_another_image(tmp_path: Path, bl
 
 
 @pytest.mark.skipif(os.name != "posix", reason="the stand-in for pbrt is an executable script")
-def test_pbrts_time_has_its_start_up_apart(
+def test_pbrts_time_excludes_its_start_up(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, blocks: EnvironmentMap
 ) -> None:
     clock = tmp_path / "clock"
@@ -314,7 +314,7 @@ def test_the_benchmark_measures_peers_and_names_the_absent(run_here: Script, tmp
 
 
 @pytest.mark.skipif(os.name != "posix", reason="the stand-in for pbrt is an executable script")
-def test_a_peer_that_fails_on_the_way_costs_no_other_result(run_here: Script, tmp_path: Path) -> None:
+def test_a_peer_that_fails_midway_costs_no_other_result(run_here: Script, tmp_path: Path) -> None:
     program = tmp_path / "pbrt"
     program.write_text(PBRT.replace("np.ones((size,", "np.ones((size if size == 1 else 2,"))
     program.chmod(0o755)

@@ -1,7 +1,7 @@
-"""Every number that a plot or a table shows is the number that was measured, in the unit that stands beside it.
+"""Every number that a plot or a table shows is the number that was measured, in the unit that its label states.
 
 Figures and tables are made from measurements with distinct values and read back: lines, bars, labels, legends, cells.
-What is read is multiplied by the unit that its label names, and compared with the definition.
+Each number read is multiplied by the unit in its label, and compared with the definition.
 """
 
 from __future__ import annotations
@@ -64,14 +64,14 @@ UNITS = {
 
 
 def unit(label: str) -> float:
-    """What a number beside ``label`` has to be multiplied by: the one unit that the label names, or 1."""
+    """The factor for numbers with this ``label``: the single unit that the label names, or 1."""
     named = {word for word in re.split(r"[\s,()]+", label) if word in UNITS}
     assert len(named) < 2, label
     return UNITS[named.pop()] if named else 1.0
 
 
 def close(shown: str | float, value: float, digits: int = 3) -> bool:
-    """Whether ``shown`` is ``value`` to so many digits."""
+    """Whether ``shown`` equals ``value`` to this many digits."""
     return float(shown) == pytest.approx(value, rel=0.6 * 10.0 ** (1 - digits), abs=1e-12)
 
 
@@ -82,7 +82,7 @@ def rounded(shown: str, value: float) -> bool:
 
 
 def lines(axes: Axes) -> dict[str, np.ndarray]:
-    """The lines with a label of their own, (n, 2) in the units of the axes' labels."""
+    """The lines that have a label, (n, 2), in the units of the axes' labels."""
     units = unit(axes.get_xlabel()), unit(axes.get_ylabel())
     named = {line.get_label(): np.array(line.get_data(), float).T for line in axes.lines}
     return {name: data * units for name, data in named.items() if not name.startswith("_")}
@@ -124,7 +124,7 @@ POINTS = [
     *(measured("mis", n, "per pixel") for n in (8, 32)),
     measured("harmonics", 2, "order"),
     *(measured("pbrt", n, "per pixel", peer=True) for n in (8, 64)),
-    # At each level of error another one is fastest than is most exact.
+    # At each level of error, the fastest is not the most accurate.
     *(
         replace(measured("sobol", n, "shared"), rmse=0.55 / n, wall_seconds=0.01 + 1e-5 * n, stages={"shade": 2e-5 * n})
         for n in (16, 64, 128)
@@ -143,7 +143,7 @@ OF_METHOD = {name: [p for p in INEXACT if p.method == name] for name in dict.fro
 
 
 def fastest(points: Sequence[MethodMeasurement], error: float) -> MethodMeasurement | None:
-    """The first of those by time that meets ``error``."""
+    """The fastest measurement with at most ``error``."""
     return next((p for p in sorted(points, key=lambda p: p.wall_seconds) if p.rmse <= error), None)
 
 
@@ -348,7 +348,7 @@ def test_images_stand_over_their_own_errors() -> None:
 
 
 def plain(value: object) -> str:
-    """As a CSV file shows it."""
+    """The value as a CSV file shows it."""
     return "" if value is None else str(value)
 
 
@@ -465,7 +465,7 @@ def test_rates_and_shares_are_by_their_definitions() -> None:
 
 
 class Timed(Programs):
-    """Kernels that do their work, though the device says that each takes 4 ms."""
+    """Kernels that do their work, although the device reports 4 ms for each."""
 
     def kernel(self, name: str, **defines: int) -> Callable[..., object]:
         kernel = super().kernel(name, **defines)
@@ -597,7 +597,7 @@ def test_the_roofline_s_file_holds_every_figure(tmp_path: Path) -> None:
 
 
 def figures(case: str, names: Sequence[str], miss: str = "") -> dict[str, float]:
-    """Figures that meet their goals, all different, but for ``miss``."""
+    """Figures that meet their goals, all different, except ``miss``."""
     shares = np.random.default_rng([*case.encode()]).uniform(0.1, 0.9, len(names))
     found = {name: COLUMNS[name].goal * share for name, share in zip(names, shares, strict=True)}
     return found | ({miss: 30 * COLUMNS[miss].goal} if miss else {})
@@ -658,7 +658,7 @@ def test_the_stability_picture_has_every_figure_in_its_cell() -> None:
                 else:
                     (shown,) = texts
                     assert is_figure(shown, value)
-                    # Light where the goal holds, dark where not.
+                    # Light if the goal is met, dark if not.
                     assert (picture[y, x].mean() > 0.7) == (value <= COLUMNS[name].goal)
     labels = [
         (t.get_position()[1], t.get_text())
@@ -693,7 +693,7 @@ def test_the_stability_files_hold_every_figure(tmp_path: Path) -> None:
 
 
 def settings_of(name: str, seed: int, **options: object) -> dict[str, object]:
-    """What a part was made with; no two parts alike."""
+    """The settings of a part, different for every part."""
     return {
         "machine": {"processor": f"processor {seed}", "cores": seed, "system": f"system {seed}"},
         "device": {"name": f"device {seed}", "implementation": f"OpenCL  {seed}.0"},
@@ -747,7 +747,7 @@ TEMPLATE = (Path(report.__file__).with_name("report.typ")).read_text(encoding="u
 
 
 def table(told: SimpleNamespace, name: str) -> list[dict[str, str]]:
-    """The rows of the table that the report's source makes of ``name``, by what stands over their columns."""
+    """The rows of the table ``name`` in the report's source, by their column headers."""
     (heads,) = re.findall(rf"numbers\(\s*\((\[.*\])\s*,?\s*\),\s*d\.{name}\b", TEMPLATE)
     names = re.findall(r"\[([^\]]*)\]", heads)
     return [dict(zip(names, row, strict=True)) for row in told.d[name]]
@@ -818,7 +818,7 @@ def test_the_report_says_what_was_drawn(told: SimpleNamespace) -> None:
     of_map = told.d["map"]
     assert of_map["peak_over_mean"] == f"{luminance[0] / luminance.mean():,.0f}"
     assert (of_map["half"], of_map["pixels"], of_map["name"]) == (f"{half:,}", "162", "the map.exr")
-    # Of part 2, whatever the others were made with.
+    # Those of part 2, whatever the other parts were made with.
     assert (of_map["width"], of_map["height"], of_map["sha256"]) == (34, 18, f"{2:064x}")
     assert (told.d["seed"], told.d["sequence"], told.d["version"]) == ("102", "sequence of part2", "2.1")
 
@@ -838,7 +838,7 @@ def test_the_report_s_benchmark_is_the_one_measured(told: SimpleNamespace) -> No
         assert (row["cheapest method"], row["count"]) == (best.method, str(best.count))
         assert rounded(row["milliseconds"], 1e3 * best.wall_seconds)
         assert rounded(row["its error, %"], 100 * best.rmse)
-        if best.method != "exact":  # whose error is below all digits shown
+        if best.method != "exact":  # its error is below all digits shown
             assert close(row["its error, %"], 100 * best.rmse)
     assert close(told.d["exact_seconds"], POINTS[-1].wall_seconds, 2)
     assert told.d["bench"] == {
@@ -906,17 +906,17 @@ def filled(d: Mapping[str, object]) -> str:
         "the median of 4 runs after a warm-up, at 123 #sym.times 123 pixels",
         "Its error is the mean over 9 seeds",
         "Error against run time at 123 #sym.times 123 pixels",
-        "give or take the chance of 9 seeds",
+        "up to chance over 9 seeds",
         "from the benchmark at 123 #sym.times 123 pixels",
         "directions (sequence of part2 points, seed 102)",
-        "This map is 34 #sym.times 18 pixels.",
+        "This map has 34 #sym.times 18 pixels.",
         "pixels of the sphere (albedo 1, 70 #sym.times 70 pixels",
-        "Over 16 #sym.times 16 pixels the error of shared samples",
+        "Over 16 #sym.times 16 pixels, the error of shared samples",
         "1 hold, 2 fail and 1 were skipped, with 54,321 draws per case",
         "lightdome 2.1 on the environment map",
     ],
 )
-def test_numbers_stand_in_the_sentence_that_they_belong_to(told: SimpleNamespace, sentence: str) -> None:
+def test_numbers_are_in_the_sentences_they_belong_to(told: SimpleNamespace, sentence: str) -> None:
     assert sentence in filled(told.d)
 
 
@@ -960,7 +960,7 @@ def test_averaging_is_in_percent_over_sides(told: SimpleNamespace) -> None:
     assert "side" in axes.get_xlabel()
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
     found = lines(axes)
-    sides = (1, 2, 4, 8, 16)  # no larger square of the grid lies in this disc
+    sides = (1, 2, 4, 8, 16)  # no larger square of the grid fits into this disc
     for of_kind, exact in zip(named, own, strict=True):
         for name, image in of_kind.items():
             expected = [(side, left(image, exact, side)) for side in sides]
@@ -1008,7 +1008,7 @@ def textbook(degrees: float, n_i: float, n_t: float) -> tuple[float, float]:
 
 
 def shown_numbers(axes: Axes) -> str:
-    """What is written into axes, with powers of ten as Python reads them."""
+    """The text in axes, with powers of ten as Python reads them."""
     texts = "; ".join(text.get_text() for text in axes.texts if text.get_text()).replace("\n", " ")
     return re.sub(r"\$(\S+) \\times 10\^\{(-?\d+)\}\$", r"\1e\2", texts)
 

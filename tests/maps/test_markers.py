@@ -1,4 +1,4 @@
-"""Markers are squares round their pixels, whatever their size, and cost no more for it."""
+"""Markers are squares around their pixels, and large ones cost no more than small ones."""
 
 from __future__ import annotations
 

@@ -1,10 +1,11 @@
-"""How often ``lightdome check image`` names the mistake in an image, and how often it finds one where there is none.
+"""How often ``lightdome check image`` names the mistake in an image, and how often it raises a false alarm.
 
     .venv/bin/python tests/tools/check_table.py [--mistakes NAME...] [--right N]
 
-Each mistake of ``tests/student.py`` is made on ten maps, with ten seeds and counts of samples. Where the converged
-image of a mistake lies within what the samples leave, "agrees" is right; such images are counted apart. Then N images
-without a mistake are checked, of lightdome's sequences and estimators and of numpy's own random numbers.
+Each mistake in ``tests/student.py`` is made on ten maps, with ten seeds and sample counts. If the converged image of a
+mistake differs from the right one by less than the samples' noise, "agrees" is correct; such images are counted
+separately. Then N images without a mistake are checked, from lightdome's sequences and estimators and from numpy's
+random numbers.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ CONVERGED = 2**19  # samples
 
 
 def reduced(radiance: np.ndarray, height: int, width: int) -> np.ndarray:
-    """Means of blocks by solid angle."""
+    """Means over blocks of pixels, weighted by solid angle."""
     rows, columns = len(radiance) // height, radiance.shape[1] // width
     weight = solid_angles(*radiance.shape[:2])[:, None, None]
     blocks = (radiance * weight).reshape(height, rows, width, columns, 3).sum(axis=(1, 3))
@@ -46,7 +47,7 @@ def reduced(radiance: np.ndarray, height: int, width: int) -> np.ndarray:
 
 
 def lamps(height: int, width: int, *lamp: tuple[float, float, float, tuple[float, float, float]]) -> np.ndarray:
-    """A grey sky with lamps: azimuth, elevation, radius in degrees, and radiance."""
+    """A grey sky with lamps, each with its azimuth, elevation and radius in degrees, and its radiance."""
     towards = directions(row_angles(height)[:, None], column_angles(width)[None])
     radiance = np.full((height, width, 3), 0.1)
     for azimuth, elevation, radius, colour in lamp:
@@ -78,7 +79,7 @@ def maps() -> dict[str, np.ndarray]:
 
 
 def said(check: ImageCheck) -> str:
-    """The verdict as a row of the table has it."""
+    """The verdict as the table shows it."""
     if check.agrees is not False:
         return "agrees" if check.agrees else "cannot tell"
     if "; either " in check.verdict:
@@ -87,7 +88,7 @@ def said(check: ImageCheck) -> str:
 
 
 def tell_mistakes(device: Device, names: list[str], side: int) -> bool:
-    """Print a row for each mistake: right, of how many that show, and what was said instead."""
+    """Print a row per mistake: how often it was named, of how many images that show it, and other verdicts."""
     envmaps = {name: EnvironmentMap(radiance) for name, radiance in maps().items()}
     references: dict[tuple[str, float], Reference] = {}
     good = True
@@ -120,7 +121,7 @@ def tell_mistakes(device: Device, names: list[str], side: int) -> bool:
 
 
 def tell_false_alarms(device: Device, count: int) -> bool:
-    """Print how many of ``count`` right images agree."""
+    """Print how many of ``count`` correct images agree."""
     made = maps()
     envmaps = {name: EnvironmentMap(made[name]) for name in ("default 128 x 64", "sun 64 x 32", "lamps 128 x 64")}
     references = {name: Reference(device, envmap) for name, envmap in envmaps.items()}
@@ -155,8 +156,8 @@ def tell_false_alarms(device: Device, count: int) -> bool:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--mistakes", nargs="*", default=list(MISTAKES), choices=MISTAKES, metavar="NAME")
-    parser.add_argument("--right", type=int, default=200, metavar="N", help="images without a mistake")
-    parser.add_argument("--side", type=int, default=63, help="pixels of an image with a mistake")
+    parser.add_argument("--right", type=int, default=200, metavar="N", help="number of images without a mistake")
+    parser.add_argument("--side", type=int, default=63, help="width and height in pixels of an image with a mistake")
     args = parser.parse_args()
     device = open_device()
     began = time.monotonic()

@@ -1,7 +1,7 @@
-"""Small faults that somebody might make, for mutate.py: each must be noticed by a test.
+"""Small faults that somebody might introduce, for mutate.py: a test must notice each of them.
 
-A fault names its file without a folder and the text that it replaces, which is there once. ``tests`` are those that
-may notice it, files or single tests, the quickest first; without any, those of :data:`TESTS`. Where nobody could see
+A fault names its file, without a folder, and the text that it replaces, which must occur exactly once. ``tests`` lists
+the files or single tests that may notice it, the quickest first; by default those of :data:`TESTS`. If nobody could see
 the difference, ``equivalent`` says why.
 """
 
@@ -13,7 +13,7 @@ from functools import partial
 
 @dataclass(frozen=True)
 class Fault:
-    """``text`` in ``file`` becomes ``replacement``; ``why`` is what somebody may have thought."""
+    """``text`` in ``file`` becomes ``replacement``; ``why`` names the kind of slip."""
 
     area: str  # kernels, host or commands
     name: str
@@ -544,7 +544,7 @@ FAULTS: list[Fault] = [
         "a bound halved",
     ),
     kernel(
-        "shade_tiles: what spilled is lost",
+        "shade_tiles: spilled lights are lost",
         "shade_tiles.cl",
         "row[c] += sum[CHANNELS * j + c].hi + sum[CHANNELS * j + c].lo;",
         ";",
@@ -945,7 +945,7 @@ FAULTS: list[Fault] = [
         "an inverse",
     ),
     host(
-        "a map turned keeps a peak that it may not have",
+        "a turned map keeps a peak that it may not have",
         "envmap.py",
         "peak = float(radiance.max())\n        return checks",
         "peak = self.peak\n        return checks",
@@ -1026,7 +1026,7 @@ FAULTS: list[Fault] = [
         "a bound",
     ),
     host(
-        "resampled: what is outside of a probe counts as dark",
+        "resampled: pixels outside a probe count as dark",
         "resample.py",
         "least = np.where(used, values, np.inf)",
         "least = np.where(used, values, 0)",
@@ -1082,7 +1082,7 @@ FAULTS: list[Fault] = [
         "a check removed",
     ),
     host(
-        "what a probe holds outside counts",
+        "pixels outside a probe count",
         "envmap.py",
         "        radiance[inspection.solid_angles == 0] = 0\n",
         "",
@@ -1408,7 +1408,7 @@ FAULTS: list[Fault] = [
         "memory that kernels still write to is freed",
     ),
     host(
-        "profile: events are kept for ever",
+        "profile: events are kept forever",
         "profile.py",
         "while self._pending and (len(self._pending) > PENDING or self._pending[0][1].command_execution_status <= 0):",
         "while False:",
@@ -1892,7 +1892,7 @@ FAULTS: list[Fault] = [
         "a status ignored",
     ),
     command(
-        "part 4: a wrong image is not told",
+        "part 4: a wrong image is not reported",
         "part4_pbrt.py",
         "if program and (where := deviation(image, envmap, args.albedo)):",
         'if program and (where := ""):',
@@ -1987,7 +1987,7 @@ FAULTS: list[Fault] = [
         "an order of preference",
     ),
     host(
-        "devices: a failure is remembered for ever",
+        "devices: a failure is remembered forever",
         "device.py",
         "0 <= time.time() - record.stat().st_mtime < FAILURE_SECONDS",
         "0 <= time.time() - record.stat().st_mtime",
@@ -2067,14 +2067,14 @@ FAULTS: list[Fault] = [
     ),
     host("Ctrl-C ends with 1", "interrupts.py", "os._exit(128 + number)", "os._exit(1)", "an exit status"),
     host(
-        "a mistake of the user's ends with 2",
+        "a user's mistake ends with 2",
         "console.py",
         '{shown(message)}", file=sys.stderr)\n        _flush_or_drop()\n        return 1',
         '{shown(message)}", file=sys.stderr)\n        _flush_or_drop()\n        return 2',
         "an exit status",
     ),
     host(
-        "a defect is told as a mistake of the user's",
+        "a defect is reported as a user's mistake",
         "console.py",
         "if isinstance(error, LightdomeError) else _shortage(error)",
         "if isinstance(error, Exception) else _shortage(error)",
@@ -2095,7 +2095,7 @@ FAULTS: list[Fault] = [
         "the sun counted twice",
     ),
     command(
-        "fewer lights than asked for, unsaid",
+        "fewer lights than asked for, silently",
         "lights.py",
         "if len(lights) < count:",
         "if not len(lights):",
@@ -2236,7 +2236,7 @@ FAULTS: list[Fault] = [
         "            if False:\n                return",
         "a case forgotten",
     ),
-    # ---- the host: measurements and what is made of them ----
+    # ---- the host: measurements and reports ----
     host(
         "benchmark: every seed is 0",
         "benchmark.py",
@@ -2287,7 +2287,7 @@ FAULTS: list[Fault] = [
         "a process left behind",
     ),
     host(
-        "Mitsuba's process: Dr.Jit is heard",
+        "Mitsuba's process: Dr.Jit prints",
         "mitsuba_process.py",
         "        os.dup2(nowhere.fileno(), 1)\n",
         "",
@@ -2728,7 +2728,7 @@ FAULTS: list[Fault] = [
         "an option ignored",
     ),
     command(
-        "devices: a failure is not told",
+        "devices: a failure is not reported",
         "devices.py",
         "fails: {device.failure}",
         "fails",
@@ -2843,7 +2843,7 @@ FAULTS: list[Fault] = [
         "an option ignored",
     ),
     command(
-        "--quick overrides what was said",
+        "--quick overrides given options",
         "cli.py",
         "        if getattr(args, name) == parser.get_default(name):\n",
         "        if True:\n",
@@ -2915,7 +2915,7 @@ FAULTS: list[Fault] = [
         "an exit status",
     ),
     command(
-        "a signal that is ignored is heard",
+        "an ignored signal is handled",
         "_start.py",
         "if signal.getsignal(_number) is not signal.SIG_IGN:",
         "if True:",
