@@ -5,23 +5,32 @@ arguments of ``CHEAP`` added. A line, or the first line for the whole block, may
 why. A block tagged ``python`` is run as it is,
 but for its resolution. All blocks of a page run in one folder, one after another. A command that needs nothing of those
 before it, and on which none after it depends, runs once for all pages.
+
+What the main README.md says runs in processes, as a reader runs it. Of other pages, lightdome's commands and the pages'
+own programs run in this process, whose modules are loaded and whose device is open.
 """
 
 from __future__ import annotations
 
 import os
 import re
+import runpy
+import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
 import lightdome
 import pytest
-from helpers import LONG, ROOT, SCRIPTS, Script
+from helpers import LONG, ROOT, SCRIPTS, Script, module_of, open_once
+from lightdome import console
+from lightdome.commands.program import main as lightdome_program
 from lightdome.maps.images import read_image, write_image
+from lightdome.opencl import device
 
 pytestmark = pytest.mark.slow
 
@@ -100,12 +109,16 @@ def ran() -> set[str]:
     return set()
 
 
+def cheap(command: str) -> str:
+    """A command with arguments that make it cheap."""
+    return " ".join([command, *(more for name, more in CHEAP.items() if f"{command} ".startswith(f"{name} "))])
+
+
 def run(clone: Path, command: str) -> None:
     """Run a command as a reader does, made cheap."""
-    cheap = [arguments for name, arguments in CHEAP.items() if f"{command} ".startswith(f"{name} ")]
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
     result = subprocess.run(
-        ["bash", "-c", " ".join([command, *cheap])],
+        ["bash", "-c", cheap(command)],
         cwd=clone,
         env={**os.environ, "PATH": path},
         stdin=subprocess.DEVNULL,
@@ -116,19 +129,48 @@ def run(clone: Path, command: str) -> None:
     assert result.returncode == 0, f"{command}\n{result.stdout}{result.stderr}"
 
 
+@pytest.fixture
+def run_inside(clone: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Path, str], None]:
+    """Like :func:`run`; commands of lightdome's and the pages' own programs run in this process."""
+    monkeypatch.chdir(clone)
+    monkeypatch.setattr(device, "open_device", open_once)
+
+    def run_inside(clone: Path, command: str) -> None:
+        program, *arguments = shlex.split(re.sub(r"^(\.venv/bin/)?python (-m (?=lightdome ))?", "", cheap(command)))
+        if program in ("lightdome", ".venv/bin/lightdome"):
+            main = lightdome_program
+        elif program.startswith("scripts/") and program.endswith(".py"):
+            main = partial(console.run, module_of(Path(program).stem).main)
+        elif program == "block.py" or program.startswith("docs/"):
+            main = partial(runpy.run_path, program, run_name="__main__")
+        else:
+            run(clone, command)
+            return
+        monkeypatch.setattr(sys, "argv", [program, *arguments])
+        try:
+            main()
+        except SystemExit as ended:
+            assert not ended.code, command
+
+    return run_inside
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_commands_and_programs_run(page: Path, clone: Path, ran: set[str]) -> None:
+def test_commands_and_programs_run(
+    page: Path, clone: Path, ran: set[str], run_inside: Callable[[Path, str], None]
+) -> None:
+    run_it = run if page == ROOT / "README.md" else run_inside
     for language, block in blocks(page.read_text(encoding="utf-8")):
         assert language in LANGUAGES, f"a block tagged {language!r}"
         if language == "sh":
             for command in commands(block):
                 if command not in ran:
-                    run(clone, command)
+                    run_it(clone, command)
                 if command.startswith(BY_ITSELF):
                     ran.add(command)
         elif language == "python":
             (clone / "block.py").write_text(block.replace("resolution=511", "resolution=51"))
-            run(clone, "python block.py")
+            run_it(clone, "python block.py")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -193,17 +235,20 @@ def test_help_says_the_defaults_and_has_an_example(name: str, script: Script) ->
     assert example.startswith(f"scripts/{name}.py ")
 
 
-def test_examples_of_the_help_run(script: Script, clone: Path, ran: set[str]) -> None:
-    for name in (
-        "part1_fresnel",
-        "part2_sample",
-        "part3_shade",
-        "part4_pbrt",
-        "bench",
-    ):  # others have own tests
-        (example,) = EXAMPLE.findall(script(name, "--help", COLUMNS="1000").stdout)
+def test_examples_of_the_help_run(
+    clone: Path,
+    ran: set[str],
+    run_inside: Callable[[Path, str], None],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setenv("COLUMNS", "1000")
+    for name in ("part1_fresnel", "part2_sample", "part3_shade", "part4_pbrt", "bench"):  # others have own tests
+        capsys.readouterr()
+        run_inside(clone, f"scripts/{name}.py --help")
+        (example,) = EXAMPLE.findall(capsys.readouterr().out)
         if example not in ran:
-            run(clone, example)
+            run_inside(clone, example)
 
 
 def test_the_api_reference_builds_without_a_warning(tmp_path: Path) -> None:
