@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import LightdomeError
-from ..names import LIGHT_FORMATS, LIGHT_METHODS
+from ..names import LIGHT_FORMATS, LIGHT_METHODS, SEED
 from . import cli
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def main() -> None:
     cli.map_options(parser, positional=True)
     parser.add_argument("--method", choices=LIGHT_METHODS, default="median-cut", help="how lights are made")
     parser.add_argument("--count", type=cli.positive_int, default=16, metavar="N", help="number of lights")
-    parser.add_argument("--seed", type=cli.seed, default=0, help="seed of the methods that draw samples")
+    parser.add_argument("--seed", type=cli.seed, default=SEED, help="seed of the methods that draw samples")
     parser.add_argument(
         "--format",
         choices=LIGHT_FORMATS,
