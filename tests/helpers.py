@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.util
 import os
 import subprocess
@@ -14,13 +15,16 @@ from types import ModuleType
 
 import numpy as np
 import OpenImageIO as oiio
-from lightdome.opencl.device import Device
+from lightdome.opencl.device import Device, open_device
 from lightdome.opencl.programs import Programs
 
 ROOT = Path(__file__).resolve().parent.parent
 LONG = 600.0  # seconds in which a child that does not hang ends, however slow or busy the machine
 GRACE = Path(os.environ.get("LIGHTDOME_GRACE", ROOT / "data" / "grace_latlong.exr"))
 CHROMA_IS_HIDDEN = oiio.VERSION < 30200  # by OpenImageIO before 3.2, which reports R, G, B and then fails
+
+# For commands that run in this process: to open the device for each, with its kernels, would take half of the time.
+open_once = functools.cache(open_device)
 
 
 class SmallLaunches:

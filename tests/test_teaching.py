@@ -43,6 +43,7 @@ def test_what_is_not_filled_in_is_reported(
     assert not list((tmp_path / "out").glob("*.pfm"))
 
 
+@pytest.mark.slow
 def test_a_correct_solution_passes(
     starter: ModuleType, small_map: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

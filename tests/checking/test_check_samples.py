@@ -96,6 +96,7 @@ def turned(direction: np.ndarray, convention: str) -> np.ndarray:
     return from_uv(u, np.arccos(np.clip(direction[:, 1], -1, 1)) / np.pi, convention)
 
 
+@pytest.mark.slow
 def test_right_samples_agree_in_every_convention(device: Device) -> None:
     tried = 0
     for name, radiance in MAPS.items():

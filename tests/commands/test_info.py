@@ -117,6 +117,7 @@ def test_the_sun_is_split_off(run: object, tmp_path: Path, bad: Path) -> None:
     assert "different names" in errors
 
 
+@pytest.mark.slow
 def test_another_projection_is_resampled_and_reported(run: object, tmp_path: Path) -> None:
     """By detection or by name; the light stays where it was."""
     envmap = EnvironmentMap.read(DEFAULT)

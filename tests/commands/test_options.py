@@ -25,7 +25,7 @@ from types import SimpleNamespace
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from helpers import SCRIPTS, module_of, stiff_radiance
+from helpers import SCRIPTS, module_of, open_once, stiff_radiance
 from lightdome import pbrt, plotting
 from lightdome.cache import cache_folder
 from lightdome.errors import LightdomeError
@@ -36,6 +36,7 @@ from lightdome.evaluation import (
     peers,
     report,
     roofline,
+    roofline_plot,
     roofline_stages,
     stability,
     stability_cases,
@@ -50,7 +51,7 @@ from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import auto_exposure, read_image, write_image
 from lightdome.maps.sphere import sphere_exposure
 from lightdome.names import ESTIMATORS, METHODS, SEED
-from lightdome.opencl.device import open_device
+from lightdome.opencl import device
 from lightdome.rendering.per_pixel import render
 from lightdome.sampling.distribution import build_distribution
 from lightdome.sampling.samples import Samples
@@ -105,7 +106,7 @@ class World:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.device = open_device()
+        self.device = open_once(None)
         self.radiance = {"map": stiff_radiance(16, 32), "other": stiff_radiance(16, 32, seed=7)}
         for name, radiance in self.radiance.items():
             write_image(folder / f"{name}.pfm", radiance)
@@ -132,6 +133,7 @@ class World:
         said, errors = io.StringIO(), io.StringIO()
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(sys, "argv", [f"{script}.py", *words[1:], "--out", str(out)])
+            patch.setattr(device, "open_device", open_once)
             main = module_of(script).main
             with contextlib.redirect_stdout(said), contextlib.redirect_stderr(errors):
                 main()
@@ -371,7 +373,7 @@ def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
     if script == "report":
         asked = fake_report(world, patch, "--device", "0:0")
         assert {name for name, command in asked.runs.items() if "--device 0:0" not in command} == {"part1"}
-        assert asked.written[0].handle == open_device("0:0").handle
+        assert asked.written[0].handle == open_once("0:0").handle
 
 
 @option(
@@ -879,6 +881,8 @@ def run_roofline(world: World, patch: pytest.MonkeyPatch, *arguments: object) ->
 
     patch.setattr(roofline_stages, "plan", plan)
     patch.setattr(plotting, "save_figure", lambda *_: None)
+    for name in ("roofline", "scaling"):
+        patch.setattr(roofline_plot, name, lambda *_: None)
     asked.ran = world.run("roofline", *world.cheap("roofline", tuple(map(str, arguments))), *arguments)
     asked.repeats = asked.ran.json("roofline.json")["measurements"][0]["repeats"]
     return asked

@@ -182,7 +182,7 @@ EXTREMES = [
     ("name", "arguments", "status"), EXTREMES, ids=[f"{n} {' '.join(map(str, a))[:40]}" for n, a, _ in EXTREMES]
 )
 def test_an_extreme_option_ends_soon_and_in_one_line(
-    script: Script,
+    run_here: Script,
     device: Device,
     small_map: Path,
     tmp_path: Path,
@@ -197,11 +197,10 @@ def test_an_extreme_option_ends_soon_and_in_one_line(
     elif name != "part1_fresnel":
         arguments = ("--map", small_map, *arguments)
     start = time.monotonic()
-    result = script(name, *arguments, "--out", tmp_path / "out")
+    result = run_here(name, *arguments, "--out", tmp_path / "out")  # a warning would raise an exception
     assert time.monotonic() - start < 60  # they take a second, but the machine may be busy
     assert result.returncode == status
     assert "Traceback" not in result.stderr
-    assert "Warning" not in result.stderr
     if result.returncode == 1:
         fails_in_one_line(result)
 

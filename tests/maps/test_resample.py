@@ -58,22 +58,24 @@ def test_a_bright_pixel_keeps_its_energy_and_direction(name: str, to_it: bool) -
     used = np.argwhere(a.used(shape))
     height, width = shape
     edges = used[(used[:, 0] % (height // 2) < 2) | (used[:, 1] % (width // 2) < 2)]
-    after, area = directions(target, to), b.solid_angles(to)
-    background = np.ones((*shape, 3), np.float32)
-    for j, i in edges[:: max(1, len(edges) // 8)]:
-        radiance = background.copy()
-        radiance[j, i] += 1e4
-        result = resample(radiance, a, b, to, turn)[..., 0].astype(np.float64)
-        assert np.median(result[area > 0]) == pytest.approx(1, abs=1e-5)  # the rest is unchanged
-        excess = (result - 1) * area
-        assert excess.sum() == pytest.approx(1e4 * a.solid_angles(shape)[j, i], rel=1e-5)
-        mean = np.tensordot(excess, after, 2)
-        y, x = (np.arange(16) + 0.5)[:, None] / 16 + j, (np.arange(16) + 0.5) / 16 + i
-        before = turn @ np.tensordot(a.density(x, y, shape) + np.zeros((16, 16)), a.directions(x, y, shape), 2)
-        mean, before = (vector / np.linalg.norm(vector) for vector in (mean, before))
-        column, row = (int(at) for at in b.positions(before, to))
-        pixel = max(longer_side(a, j, i, shape), longer_side(b, row, column, to))
-        assert np.linalg.norm(mean - before) <= pixel / 2
+    bright = edges[:: max(1, len(edges) // 8)]
+    solid_angles, after, area = a.solid_angles(shape), directions(target, to), b.solid_angles(to)
+    for first in range(0, len(bright), 3):  # each in a channel of its own
+        three = bright[first : first + 3]
+        radiance = np.ones((*shape, 3), np.float32)
+        radiance[(*three.T, range(len(three)))] += 1e4
+        result = resample(radiance, a, b, to, turn).astype(np.float64)
+        for channel, (j, i) in zip(np.moveaxis(result, 2, 0), three, strict=False):
+            assert np.median(channel[area > 0]) == pytest.approx(1, abs=1e-5)  # the rest is unchanged
+            excess = (channel - 1) * area
+            assert excess.sum() == pytest.approx(1e4 * solid_angles[j, i], rel=1e-5)
+            mean = np.tensordot(excess, after, 2)
+            y, x = (np.arange(16) + 0.5)[:, None] / 16 + j, (np.arange(16) + 0.5) / 16 + i
+            before = turn @ np.tensordot(a.density(x, y, shape) + np.zeros((16, 16)), a.directions(x, y, shape), 2)
+            mean, before = (vector / np.linalg.norm(vector) for vector in (mean, before))
+            column, row = (int(at) for at in b.positions(before, to))
+            pixel = max(longer_side(a, j, i, shape), longer_side(b, row, column, to))
+            assert np.linalg.norm(mean - before) <= pixel / 2
 
 
 def longer_side(projection: Projection, j: int, i: int, shape: tuple[int, int]) -> float:

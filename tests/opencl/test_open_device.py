@@ -102,6 +102,7 @@ def test_a_device_that_fails_the_probe_does_not_count(
     assert not list(tmp_path.rglob("*"))
 
 
+@pytest.mark.slow
 def test_a_device_that_passed_the_probe_is_remembered(
     device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -111,6 +112,7 @@ def test_a_device_that_passed_the_probe_is_remembered(
     assert open_device(device.handle.name).handle == device.handle
 
 
+@pytest.mark.slow
 def test_devices_are_listed_with_their_rates_and_the_used_one_first(device: Device) -> None:
     result = subprocess.run([sys.executable, "-m", "lightdome", "devices"], capture_output=True, text=True)
     assert result.returncode == 0
@@ -145,6 +147,7 @@ def test_devices_are_listed_for_programs_too(
     assert text.endswith(f"{works['note']}\n")
 
 
+@pytest.mark.slow
 def test_the_probe_of_a_device_prints_its_rates(device: Device) -> None:
     platform = cl.get_platforms().index(device.handle.platform)
     index = device.handle.platform.get_devices().index(device.handle)
@@ -333,6 +336,7 @@ def test_a_damaged_record_of_a_device_is_made_again(
     assert path.read_text() == whole
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "status", "said"),
     [
