@@ -40,7 +40,13 @@ class Cause:
     picture: Callable[[np.ndarray], np.ndarray] | None = None
     factors: tuple[int, ...] = (0, 1)  # 0: its own brightness tells it apart; 1: with any other its shape does
     about: bool = False  # its brightness is known roughly, as the spread of its samples is large
+    in_pictures: bool | None = None  # whether a PNG or PPM file shows it, or other files do; None for all
     by_pixels: bool = False  # it depends on single pixels, so that a smaller map does not show it
+
+
+def centred(y: np.ndarray, x: np.ndarray, H: int, W: int) -> tuple[np.ndarray, np.ndarray]:
+    """The right angles theta and phi, of the centres of pixels."""
+    return np.pi * (y + 0.5) / H, 2 * np.pi * (x + 0.5) / W
 
 
 def drawn_with(weight: np.ndarray, radiance: np.ndarray) -> np.ndarray:
@@ -222,6 +228,7 @@ CAUSES = (
         "little contrast on the sphere, and too bright",
         "where the image is written: a .pfm or .exr holds linear radiance",
         picture=lambda pixels: np.maximum(pixels, 0) ** (1 / 2.2),
+        in_pictures=False,
     ),
     Cause(
         "image clipped to 1",
@@ -229,6 +236,23 @@ CAUSES = (
         "flat white areas",
         "where the image is written: a .pfm or .exr holds any radiance",
         picture=lambda pixels: np.minimum(pixels, 1.0),
+        in_pictures=False,
+    ),
+    Cause(
+        "picture not gamma-encoded",
+        "the picture holds linear values; a .png or .ppm needs them raised to 1 / 2.2 or encoded as sRGB",
+        "too dark, with too much contrast",
+        "where values from 0 to 1 become whole numbers from 0 to 255",
+        picture=lambda pixels: np.maximum(pixels, 0) ** 2.2,
+        in_pictures=True,
+    ),
+    Cause(
+        "picture gamma-encoded twice",
+        "the picture's values were raised to 1 / 2.2 twice, or encoded by the program and again by its library",
+        "too pale, with little contrast",
+        "where values from 0 to 1 become whole numbers from 0 to 255",
+        picture=lambda pixels: np.maximum(pixels, 0) ** (1 / 2.2),
+        in_pictures=True,
     ),
     Cause(
         "cosine not clamped",
