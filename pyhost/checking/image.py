@@ -565,14 +565,6 @@ class _Check:
                 return told(False, f"does not agree; {name}", best)
             others = ", or ".join(self._explanation(h) for h in rivals)
             return told(False, f"does not agree; either {name}, or {others}", right)
-        pairs = sorted(((left + h.simplicity, h) for left, h in self.pairs()), key=lambda pair: pair[0])
-        score, best = pairs[0]
-        if score - best.simplicity < explains:
-            rivals = self._rivals(pairs)
-            if not rivals:
-                return told(False, f"does not agree; two mistakes: {self._explanation(best)}", best)
-            closest = ", or ".join(" with ".join(filter(None, self._name(h))) for h in (best, *rivals[:2]))
-            return told(False, f"does not agree; more than one mistake; closest: {closest}", right)
         if self.image.any(axis=2).mean() > 0.95:
             return told(None, "cannot tell: this does not look like a sphere on a black background", right)
         if most:
@@ -582,6 +574,14 @@ class _Check:
                 " share; give their number with --samples, or with --spp that of each pixel",
                 right,
             )
+        pairs = sorted(((left + h.simplicity, h) for left, h in self.pairs()), key=lambda pair: pair[0])
+        score, best = pairs[0]
+        if score - best.simplicity < explains:
+            rivals = self._rivals(pairs)
+            if not rivals:
+                return told(False, f"does not agree; two mistakes: {self._explanation(best)}", best)
+            closest = ", or ".join(" with ".join(filter(None, self._name(h))) for h in (best, *rivals[:2]))
+            return told(False, f"does not agree; more than one mistake; closest: {closest}", right)
         return told(False, f"biased by {off:.0f} standard deviations, for no reason that is known here", right)
 
     def _rivals(self, tried: Sequence[tuple[float, _Hypothesis]]) -> list[_Hypothesis]:
