@@ -52,6 +52,7 @@ BLOCKS = 64  # rows of them, by which mistakes are made that the device has no k
 MAP_ROWS_OF_PAIRS, BLOCKS_OF_PAIRS = 128, 16  # the same for two mistakes at once, of which there are many
 LIMIT = 5.0  # standard deviations, from which on an image is biased
 EXPLAINED = 0.1  # share of the deviations that may be left: with a mistake, samples have another spread
+EXPLAINED_BY_TWO = 0.04  # the same of two mistakes at once: of so many pairs one may fit by chance
 CLEAR = 1.0  # standard deviations, by which an explanation must be better than another
 CONVERGED = 0.005  # relative RMSE, up to which an image without a number of samples agrees
 PRECISION = 1e-3  # of a moment: what rounding, other integrals and other pixel filters may change
@@ -576,13 +577,18 @@ class _Check:
             )
         pairs = sorted(((left + h.simplicity, h) for left, h in self.pairs()), key=lambda pair: pair[0])
         score, best = pairs[0]
-        if score - best.simplicity < explains:
+        if score - best.simplicity < max(LIMIT, EXPLAINED_BY_TWO * off) and not self._is_odd(best):
             rivals = self._rivals(pairs)
             if not rivals:
                 return told(False, f"does not agree; two mistakes: {self._explanation(best)}", best)
             closest = ", or ".join(" with ".join(filter(None, self._name(h))) for h in (best, *rivals[:2]))
             return told(False, f"does not agree; more than one mistake; closest: {closest}", right)
         return told(False, f"biased by {off:.0f} standard deviations, for no reason that is known here", right)
+
+    def _is_odd(self, best: _Hypothesis) -> bool:
+        """Whether two mistakes need a factor besides that nobody makes."""
+        free = not self.linear or any(0 not in cause.factors for cause in best.causes)
+        return bool(best.factors) and not free and not self._reason(float(self.factor(best)[0]))
 
     def _rivals(self, tried: Sequence[tuple[float, _Hypothesis]]) -> list[_Hypothesis]:
         """Those that explain the image nearly as well as the first, and say something else."""
