@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+# Of samples, by default. One set of samples is chance; with this seed the errors of 64, 256 and 1024 samples, of Grace
+# and of the default map, are near their means over seeds.
+SEED = 140
 SEQUENCES = ("independent", "stratified", "sobol", "r2", "lattice")  # points of samples that all pixels share
 WITHIN = ("centre", "pixel")  # where in its pixel the direction of a sample lies
 PIXELS = ("centres", "areas")  # what exact images take the map's pixels for

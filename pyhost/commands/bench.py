@@ -60,6 +60,7 @@ def main() -> None:
         action="store_true",
         help="smaller image, fewer counts, seeds and repeats: under half a minute on two cores",
     )
+    cli.explain_option(parser)
     cli.device_option(parser)
     args = parser.parse_args()
     if args.pbrt and "pbrt" not in args.peers:
@@ -91,6 +92,8 @@ def run(args: argparse.Namespace) -> None:
         for pixels in {"centres", *(method.pixels for method in chosen)}
     }
 
+    cli.explain(args, "the exact image", device.decisions.take())
+
     counts = {"shared": args.counts, "per pixel": args.spp}
     plan = [(method, count) for method in chosen for count in method.counts or sorted(set(counts[method.kind]))]
     points = []
@@ -105,6 +108,7 @@ def run(args: argparse.Namespace) -> None:
                 if not method.peer:
                     raise
                 found.absent[method.name] = f"failed at {count}: {error}"
+            cli.explain(args, f"{method.name} {count}", device.decisions.take())
             progress.update((done + 1) / len(plan))
 
     chosen = [method for method in chosen if method.name not in found.absent]
@@ -116,6 +120,7 @@ def run(args: argparse.Namespace) -> None:
     benchmark.write_method_json(out / "bench.json", points, made_with)
     title = f"{args.map.name}, {args.resolution} x {args.resolution}, {device.handle.name.strip()}"
     save_figure(benchmark_plot.error_against_time(points, title), out / "error_time.png")
+    save_figure(benchmark_plot.error_against_time_all(points, title), out / "error_time_all.png")
     save_figure(benchmark_plot.error_against_count(points, title), out / "error_count.png")
     save_figure(benchmark_plot.stages(points, title), out / "stages.png")
     middle = {kind: sorted(set(of_kind))[len(set(of_kind)) // 2] for kind, of_kind in counts.items()}
@@ -139,4 +144,7 @@ def run(args: argparse.Namespace) -> None:
         best = metrics.cheapest(points, level)
         said = f"{best.method} {best.count}, {1e3 * best.wall_seconds:.1f} ms" if best else "none"
         print(f"  for {100 * level:4.1f} %: {said}")
-    print(f"\nwrote {out}/bench.csv, bench.json, error_time.png, error_count.png, stages.png, images.png")
+    print(
+        f"\nwrote {out}/bench.csv, bench.json, error_time.png, error_time_all.png,"
+        " error_count.png, stages.png, images.png"
+    )

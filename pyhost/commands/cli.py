@@ -329,7 +329,8 @@ def image_options(parser: argparse.ArgumentParser) -> None:
         type=exposure,
         default="auto",
         metavar="FACTOR",
-        help="factor on the radiance in the .ppm and .png files, or auto: the 95th percentile becomes white",
+        help="factor on the radiance in the .ppm and .png files, or auto: the 95th percentile becomes white; for a"
+        " sphere, that of its exact image",
     )
 
 

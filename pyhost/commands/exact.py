@@ -32,13 +32,14 @@ def main() -> None:
     envmap = cli.load_map(args)
 
     from ..lighting.exact import exact
-    from ..maps.images import auto_exposure, tone_map
+    from ..maps.images import tone_map
+    from ..maps.sphere import sphere_exposure
     from . import settings
 
     device = cli.open_device(args)
     print(f"map: {args.map}, {envmap.width} x {envmap.height}")
     image = exact(device, envmap, args.resolution, args.albedo, args.pixels)
-    exposure = args.exposure or auto_exposure(image)
+    exposure = args.exposure or sphere_exposure(envmap, args.albedo)
     path = out / f"exact_{args.pixels}"
     names = cli.write_images(args, path, image)
     names += cli.write_images(args, path, tone_map(image, exposure, args.gamma))

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import LightdomeError
-from ..names import LIGHT_FORMATS, LIGHT_METHODS
+from ..names import LIGHT_FORMATS, LIGHT_METHODS, SEED
 from . import cli
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def main() -> None:
     cli.map_options(parser, positional=True)
     parser.add_argument("--method", choices=LIGHT_METHODS, default="median-cut", help="how lights are made")
     parser.add_argument("--count", type=cli.positive_int, default=16, metavar="N", help="number of lights")
-    parser.add_argument("--seed", type=cli.seed, default=0, help="seed of the methods that draw samples")
+    parser.add_argument("--seed", type=cli.seed, default=SEED, help="seed of the methods that draw samples")
     parser.add_argument(
         "--format",
         choices=LIGHT_FORMATS,
@@ -34,6 +34,7 @@ def main() -> None:
         f" (default: by the suffix, {', '.join(f'{s} {n}' for n, s in LIGHT_FORMATS.items())})",
     )
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="file to write")
+    cli.explain_option(parser)
     cli.device_option(parser)
     args = parser.parse_args()
 
@@ -42,7 +43,10 @@ def main() -> None:
     name = light_format(args.out, args.format)
     cli.output_file(args.out)
     envmap = cli.load_map(args)
-    lights = make(cli.open_device(args), envmap, args.method, args.count, args.seed)
+    device = cli.open_device(args)
+    lights = make(device, envmap, args.method, args.count, args.seed)
+    cli.explain(args, f"{len(lights)} lights", device.decisions.take())
+    cli.explain_kernels(args, device)
     write_lights(args.out, lights, name)
     print(f"wrote {args.out}: {len(lights)} light{'s' if len(lights) > 1 else ''} by {args.method}, as {name}")
 

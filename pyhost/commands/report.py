@@ -117,7 +117,7 @@ def need_all(runs: Runs, args: argparse.Namespace, envmap: EnvironmentMap) -> No
     with_pbrt = {"pbrt": str(args.pbrt)} if args.pbrt else {}
 
     runs.need("part1", "fresnel", settings.NAME, of_version | {"options": {"eta": 1.4}})
-    shown = {"format": cli.FORMATS}
+    shown = {"format": cli.FORMATS, "exposure": None}
     options: dict[str, object] = {"counts": COUNTS, **shown}
     runs.need("part2", "sample", settings.NAME, of_map | {"options": options}, "--counts", *COUNTS, *on_map)
     names = [f"samples_{n}.npz" for n in COUNTS]

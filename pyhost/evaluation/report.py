@@ -30,7 +30,8 @@ from ..errors import LightdomeError
 from ..files import replacing, write_json
 from ..lighting.exact import exact_kept
 from ..maps.envmap import EnvironmentMap
-from ..maps.images import auto_exposure, read_image, tone_map, write_image
+from ..maps.images import read_image, tone_map, write_image
+from ..maps.sphere import sphere_exposure
 from ..opencl.device import Device
 from ..progress import Progress
 from ..sampling.distribution import build_distribution
@@ -133,7 +134,7 @@ def write(
     """
     require_typst()
     images = load_images(device, envmap, results)
-    picture = tone_map(images.exact, auto_exposure(images.exact))
+    picture = tone_map(images.exact, sphere_exposure(envmap))
     packed = {
         f"{name}/{file}": results.folders[name] / file
         for name in ("part2", "part3", "part4")
@@ -160,15 +161,17 @@ def write(
 def draw(device: Device, envmap: EnvironmentMap, results: Results, images: Images, folder: Path) -> None:
     """Write all figures into ``folder``, by the names that ``report.typ`` knows them by."""
     shared, per_pixel = images.named()
+    exposure = sphere_exposure(envmap)
     points = _points(results)
     figures: dict[str, Callable[[], Figure]] = {
         "cdfs": lambda: report_figures.cdfs(build_distribution(device, envmap)),
-        "shared": lambda: benchmark_plot.images(shared, images.exact, ""),
-        "per_pixel": lambda: benchmark_plot.images(per_pixel, images.exact_per_pixel, ""),
+        "shared": lambda: benchmark_plot.images(shared, images.exact, "", exposure=exposure),
+        "per_pixel": lambda: benchmark_plot.images(per_pixel, images.exact_per_pixel, "", exposure=exposure),
         "bias_and_noise": lambda: report_figures.bias_and_noise(*images.alike(), images.exact, images.exact_per_pixel),
         "averaging": lambda: report_figures.averaging(shared, per_pixel, images.exact, images.exact_per_pixel),
-        "error_time": lambda: report_figures.for_a_column(benchmark_plot.error_against_time(points, ""), 5.6),
-        "error_count": lambda: report_figures.for_a_column(benchmark_plot.error_against_count(points, ""), 3.8),
+        "error_time": lambda: benchmark_plot.error_against_time(points, ""),
+        "error_time_all": lambda: benchmark_plot.error_against_time_all(points, ""),
+        "error_count": lambda: benchmark_plot.error_against_count(points, ""),
     }
     with Progress("figures") as progress:
         for done, (stem, draw) in enumerate(figures.items()):

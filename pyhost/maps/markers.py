@@ -8,6 +8,14 @@ from .. import checks
 from ..errors import LightdomeError
 
 PIXELS_AT_ONCE = 2**22
+BLUE, OUTLINE = (0, 0, 255), (255, 255, 255)  # in pictures: blue alone would not show on blue glass
+
+
+def mark_picture(picture: np.ndarray, pixel: np.ndarray, size: int) -> None:
+    """:func:`mark_pixels` in blue, with an outline of one white pixel, in a picture of 8-bit values."""
+    # Two more pixels keep the size even or odd, and so the squares where they are.
+    mark_pixels(picture, pixel, min(checks.whole("a marker's size", size, 1, 2**31 - 1) + 2, 2**31 - 1), OUTLINE)
+    mark_pixels(picture, pixel, size, BLUE)
 
 
 def mark_pixels(image: np.ndarray, pixel: np.ndarray, size: int, colour: tuple[float, float, float]) -> None:

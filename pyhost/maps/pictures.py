@@ -9,12 +9,12 @@ import numpy as np
 
 from .. import checks
 from .images import auto_exposure, tone_map, write_image
-from .markers import mark_pixels
+from .markers import mark_picture
 
 WIDTH = 1024  # of a picture at most: of a wider image it has every second pixel, or every third, ...
 OF_DIRECTIONS = (256, 512)  # height and width
 MARK = 5  # side of a mark
-GREY, BLUE = 40, (0, 0, 255)
+GREY = 40
 
 
 class Picture:
@@ -39,9 +39,9 @@ def show(
 ) -> Picture:
     """An image for a notebook: radiance (H, W, 3), tone mapped as by :func:`tone_map`, or 8-bit values as they are.
 
-    ``pixel``, (N, 2) as :class:`Samples` has it, are marked in blue. The exposure is that of :func:`auto_exposure`
-    unless one is given. An image that is wider than 1024 pixels is shown smaller. Raises :class:`LightdomeError` for
-    other shapes, and for pixels outside the image.
+    ``pixel``, (N, 2) as :class:`Samples` has it, are marked in blue with a white outline. The exposure is that of
+    :func:`auto_exposure` unless one is given. An image that is wider than 1024 pixels is shown smaller. Raises
+    :class:`LightdomeError` for other shapes, and for pixels outside the image.
     """
     image = checks.array("an image", image, ("H", "W", 3))
     step = max(1, -(-image.shape[1] // WIDTH))
@@ -50,7 +50,7 @@ def show(
         image = tone_map(image, auto_exposure(image) if exposure is None else exposure, gamma)
     if pixel is not None:
         image = image.copy()
-        mark_pixels(image, checks.array("pixel", pixel, ("N", 2)) // step, MARK, BLUE)
+        mark_picture(image, checks.array("pixel", pixel, ("N", 2)) // step, MARK)
     return Picture(image)
 
 

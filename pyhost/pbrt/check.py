@@ -16,13 +16,12 @@ from .. import checks
 from ..disc import check_resolution, disc_mask
 from ..errors import LightdomeError
 from ..maps.envmap import EnvironmentMap
-from ..maps.geometry import directions, solid_angles
+from ..maps.sphere import reflected
 
 STANDARD_ERRORS = 10
 SQUARES = 48  # in a row of the image, at most
 BLOCK = 6  # squares in a row of a block
 FEWEST = 9  # squares from which a standard error is estimated
-CELLS = 256  # rows of the map after averaging, at most; twice as many columns
 
 
 def deviation(image: np.ndarray, envmap: EnvironmentMap, albedo: float = 1.0) -> str | None:
@@ -45,7 +44,7 @@ def deviation(image: np.ndarray, envmap: EnvironmentMap, albedo: float = 1.0) ->
     nx, ny = np.broadcast_arrays(centre, -centre[:, None])
     normals = np.stack([nx, ny, np.sqrt(np.maximum(1 - nx**2 - ny**2, 0))], axis=-1)
     expected = np.zeros_like(means)
-    expected[inside] = albedo * _reflected(envmap, normals[inside])
+    expected[inside] = albedo * reflected(envmap, normals[inside])
 
     allowed = (0.02 + 0.5 / envmap.height) * expected.max()
     worst, said = 0.0, None
@@ -74,21 +73,3 @@ def _squares(array: np.ndarray, side: int) -> np.ndarray:
     """``array`` (R, R, C) as whole squares of pixels: (count, side, count, side, C)."""
     count = len(array) // side
     return array[: count * side, : count * side].reshape(count, side, count, side, -1)
-
-
-def _reflected(envmap: EnvironmentMap, normals: np.ndarray) -> np.ndarray:
-    """Radiance of a white diffuse surface with each of ``normals``, (N, 3), under the map: (N, 3) float64."""
-    height, width = envmap.height, envmap.width
-    rows = np.arange(0, height, -(-height // CELLS))
-    columns = np.arange(0, width, -(-width // (2 * CELLS)))
-    of_rows = [
-        weight * np.add.reduceat(row, columns, axis=0, dtype=np.float64)
-        for row, weight in zip(envmap.radiance, solid_angles(height, width), strict=True)
-    ]
-    flux = np.add.reduceat(np.stack(of_rows), rows, axis=0)
-    theta = (np.pi / height) * (rows + np.append(rows[1:], height)) / 2
-    phi = (np.pi / width) * (columns + np.append(columns[1:], width))
-    result = np.zeros((len(normals), 3))
-    for of_row, row in zip(directions(theta[:, None], phi), flux, strict=True):
-        result += np.maximum(normals @ of_row.T, 0) @ row
-    return result / np.pi

@@ -30,6 +30,7 @@ from ..disc import check_resolution
 from ..files import replacing
 from ..maps.envmap import EnvironmentMap
 from ..maps.images import write_image
+from ..names import SEED
 from .equal_area import to_equal_area
 
 VERSIONS = (3, 4)
@@ -96,7 +97,7 @@ class Scene:
 
 
 def scene_text(
-    version: int, spp: int, resolution: int = 511, albedo: float = 1.0, seed: int = 0, exponent: int = 0
+    version: int, spp: int, resolution: int = 511, albedo: float = 1.0, seed: int = SEED, exponent: int = 0
 ) -> str:
     """The scene file for PBRT ``version`` (3 or 4) with ``spp`` samples per pixel and a map scaled by 2^-``exponent``.
 
@@ -132,7 +133,7 @@ def write_scenes(
     spp: Sequence[int],
     resolution: int = 511,
     albedo: float = 1.0,
-    seed: int = 0,
+    seed: int = SEED,
     versions: Sequence[int] = VERSIONS,
 ) -> list[Scene]:
     """Write the maps and a scene for each of ``versions`` and ``spp`` into ``folder``, which must exist.

@@ -13,7 +13,7 @@ from lightdome.fresnel.equations import summarise
 from lightdome.lighting.exact import exact
 from lightdome.lighting.shade import shade, shade_samples
 from lightdome.maps.envmap import EnvironmentMap
-from lightdome.maps.images import tone_map, write_image
+from lightdome.maps.images import auto_exposure, read_image, tone_map, write_image
 from lightdome.opencl.device import Device
 from lightdome.rendering.per_pixel import render
 from lightdome.sampling.distribution import build_distribution
@@ -116,6 +116,32 @@ def test_part_3_lists_its_images_in_the_order_of_their_counts(
     exposure = ("--exposure", "0.12345678", "--gamma", "2.20000001")
     last = run_here("part3_shade", files[2], "--resolution", 9, *exposure, "--out", tmp_path / "out").stdout
     assert last.splitlines()[-1] == "exposure 0.12345678, gamma 2.20000001"
+
+
+@pytest.mark.parametrize("albedo", [1.0, 0.5])
+def test_all_pictures_of_a_sphere_share_the_exposure_of_the_exact_one(
+    run_here: Script, device: Device, small_map: Path, tmp_path: Path, albedo: float
+) -> None:
+    of_map = ("--map", small_map)
+    sphere = ("--albedo", albedo, "--resolution", 65)
+    assert run_here("part2_sample", *of_map, "--counts", 3, 20, "--out", tmp_path).returncode == 0
+    few, more = (tmp_path / f"samples_{n}.npz" for n in (3, 20))
+    runs = (
+        ("part3_shade", few, *sphere),
+        ("part3_shade", more, few, *sphere),
+        ("part4_pbrt", *of_map, "--renderer", "opencl", "--spp", 2, *sphere),
+        ("exact", *of_map, *sphere),
+    )
+    said = {run_here(*words, "--out", tmp_path / "out").stdout.splitlines()[-1] for words in runs}
+    (line,) = said
+    exposure = float(line.removeprefix("exposure ").partition(",")[0])
+    assert exposure == pytest.approx(auto_exposure(exact(device, EnvironmentMap.read(small_map), 65, albedo)), rel=0.01)
+
+    # Samples of another map than the settings beside them tell of have the exposure of their own image.
+    few.write_bytes(more.read_bytes())
+    other = run_here("part3_shade", few, "--resolution", 65, "--out", tmp_path / "out").stdout.splitlines()[-1]
+    image = auto_exposure(read_image(tmp_path / "out" / "sphere_20.pfm"))
+    assert other == f"exposure {image:.4g}, gamma 2.2"
 
 
 def test_part_1_says_the_index_that_it_was_given(run_here: Script, tmp_path: Path) -> None:

@@ -48,7 +48,8 @@ from lightdome.lighting.shade import shade_samples
 from lightdome.maps import convert
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import auto_exposure, read_image, write_image
-from lightdome.names import ESTIMATORS, METHODS
+from lightdome.maps.sphere import sphere_exposure
+from lightdome.names import ESTIMATORS, METHODS, SEED
 from lightdome.opencl.device import open_device
 from lightdome.rendering.per_pixel import render
 from lightdome.sampling.distribution import build_distribution
@@ -200,7 +201,7 @@ def fake_measurements(patch: pytest.MonkeyPatch) -> list[SimpleNamespace]:
 
     patch.setattr(benchmark, "measure_method", measure_method)
     patch.setattr(plotting, "save_figure", lambda *_: None)
-    for name in ("error_against_time", "error_against_count", "stages", "images"):
+    for name in ("error_against_time", "error_against_time_all", "error_against_count", "stages", "images"):
         patch.setattr(benchmark_plot, name, lambda *_: None)
     return asked
 
@@ -447,21 +448,25 @@ def linear(world: World, ran: Ran, script: str) -> dict[str, np.ndarray]:
 
 
 def automatic(world: World, ran: Ran, script: str) -> float:
-    """The exposure of the map, or of the image of most samples."""
+    """The exposure of the map, of samples' image where no map is known, or of the sphere's exact image."""
     if script == "part2_sample":
         return auto_exposure(world.radiance["map"])
-    most, fewest = {"part3_shade": ("40", "5"), "part4_pbrt": ("4spp", "1spp")}[script]
-    exposures = [auto_exposure(ran.image(f"sphere_{name}.pfm")) for name in (most, fewest)]
+    if script == "part4_pbrt":
+        return sphere_exposure(EnvironmentMap(world.radiance["map"]))
+    exposures = [auto_exposure(ran.image(f"sphere_{name}.pfm")) for name in ("40", "5")]
     assert exposures[0] != pytest.approx(exposures[1], rel=0.05)
     return exposures[0]
 
 
 def marked(world: World, ran: Ran, script: str) -> dict[str, np.ndarray]:
-    """Like :func:`linear`, with marks that stay blue at any exposure."""
+    """Like :func:`linear`, with marks that stay blue at any exposure, and white round them."""
     images = linear(world, ran, script)
     if script == "part2_sample":
         for image in images.values():
-            image[(image == (0, 0, 1)).all(axis=2)] = (0, 0, 1e30)
+            blue = (image == (0, 0, 1)).all(axis=2)
+            around = np.pad(np.pad(blue, ((1, 1), (0, 0))), ((0, 0), (1, 1)), mode="wrap")
+            image[np.lib.stride_tricks.sliding_window_view(around, (3, 3)).any(axis=(2, 3))] = 1e30
+            image[blue] = (0, 0, 1e30)
     return images
 
 
@@ -573,7 +578,7 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
 def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
     plain, other = world.base(script), world.base(script, "--seed", 9)
     distribution = build_distribution(world.device, EnvironmentMap(world.radiance["map"]))
-    for ran, seed in ((plain, 0), (other, 9)):
+    for ran, seed in ((plain, SEED), (other, 9)):
         if script == "part2_sample":
             alone = world.base(script, "--seed", seed, "--samples-only")
             for count in (5, 40):
@@ -602,7 +607,7 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
         for more in ((), ("--samples-only",)):
             samples = Samples.load(world.base("part2_sample", *options, *more).out / "samples_40.npz")
             assert samples.sequence == sequence
-            np.testing.assert_array_equal(samples.pixel, distribution.sample(40, 0, sequence).pixel)
+            np.testing.assert_array_equal(samples.pixel, distribution.sample(40, sequence=sequence).pixel)
 
 
 @option("--within", "part2_sample")
@@ -802,6 +807,14 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
     assert {a.method.name for a in measurements(world, *options)} == set(METHODS)
     chosen = measurements(world, *options, "--methods", "sobol", "bsdf")
     assert [a.method.name for a in chosen] == ["sobol", "bsdf"]
+
+
+@option("--explain", "bench")
+def _(world: World, patch: pytest.MonkeyPatch) -> None:
+    options = ("--map", world.folder / "map.pfm", "--resolution", 9, "--counts", 4, "--spp", 1, "--seeds", 1)
+    ran = world.run("bench", *options, "--repeats", 1, "--methods", "sobol", "light", "--explain")
+    assert "\nsobol 4: skipped: guide tables; " in ran.said
+    assert "\nlight 1: used: guide tables; " in ran.said
 
 
 @option("--peers", "bench", "stability")

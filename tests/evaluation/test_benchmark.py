@@ -143,7 +143,7 @@ def test_the_script_end_to_end(
     options = ["--resolution", R, "--seeds", 2, "--repeats", 2, "--counts", 4, 8, "--spp", 2, "--out", out]
     monkeypatch.setattr(sys, "argv", ["bench.py", "--map", str(tmp_path / "map.pfm"), *map(str, options)])
     module_of("bench").main()
-    assert len(drawn) == 4  # test_peers.py looks at the files
+    assert len(drawn) == 5  # test_peers.py looks at the files
     assert "cheapest method measured" in capsys.readouterr().out
 
     with (out / "bench.csv").open(newline="") as file:
@@ -168,7 +168,7 @@ def test_the_script_end_to_end(
     assert {p.name for p in out.iterdir()} == {
         "bench.csv",
         "bench.json",
-        *(f"{plot}.png" for plot in ("error_time", "error_count", "stages", "images")),
+        *(f"{plot}.png" for plot in ("error_time", "error_time_all", "error_count", "stages", "images")),
     }
 
 

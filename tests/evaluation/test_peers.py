@@ -324,7 +324,7 @@ def test_a_peer_that_fails_on_the_way_costs_no_other_result(run_here: Script, tm
     result = run_here("bench", *arguments)
     assert result.returncode == 0, result.stderr
     assert "peer pbrt-v4: absent (failed at 2: " in result.stdout
-    for plot in ("error_time", "error_count", "stages", "images"):
+    for plot in ("error_time", "error_time_all", "error_count", "stages", "images"):
         assert (tmp_path / f"{plot}.png").read_bytes().startswith(b"\x89PNG")
     written = json.loads((tmp_path / "bench.json").read_text())
     assert [m["method"] for m in written["measurements"]] == ["exact"]

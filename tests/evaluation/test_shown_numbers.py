@@ -34,12 +34,14 @@ from lightdome.evaluation import (
     stability_plot,
 )
 from lightdome.evaluation.benchmark import MethodMeasurement
+from lightdome.evaluation.benchmark_plot import ERROR, RUN_TIME
 from lightdome.evaluation.roofline import Limits, Timing
 from lightdome.evaluation.roofline_stages import MADE, Stage, Work
 from lightdome.evaluation.stability import COLUMNS, LIMITS, Result
 from lightdome.fresnel import plot
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import auto_exposure, tone_map, write_image
+from lightdome.names import ESTIMATORS, PIXEL_SEQUENCES, SEQUENCES, per_pixel
 from lightdome.opencl.device import Device
 from lightdome.opencl.profile import Profile
 from lightdome.opencl.programs import Programs
@@ -130,6 +132,13 @@ POINTS = [
     measured("exact", 1, "order", rmse=3e-9),
 ]
 INEXACT = [p for p in POINTS if p.method != "exact"]
+KINDS = {
+    **dict.fromkeys((*SEQUENCES, "median-cut"), "shared"),
+    **{per_pixel(e, sequence): "per pixel" for e in ESTIMATORS for sequence in PIXEL_SEQUENCES},
+    "mis-compensated-sobol": "per pixel",
+    "harmonics": "order",
+}
+PANELS = ["shared by all pixels", *(f"per pixel: {e}" for e in ESTIMATORS), "other programs"]
 OF_METHOD = {name: [p for p in INEXACT if p.method == name] for name in dict.fromkeys(p.method for p in INEXACT)}
 
 
@@ -138,35 +147,77 @@ def fastest(points: Sequence[MethodMeasurement], error: float) -> MethodMeasurem
     return next((p for p in sorted(points, key=lambda p: p.wall_seconds) if p.rmse <= error), None)
 
 
-def test_error_against_time_has_milliseconds_and_percent() -> None:
-    figure = benchmark_plot.error_against_time(POINTS, "a title")
-    (axes,) = figure.axes
+def test_the_headline_has_one_line_for_each_group_named_at_its_end() -> None:
+    (axes,) = benchmark_plot.error_against_time(POINTS, "a title").axes
     assert "run time" in axes.get_xlabel()
     assert "RMSE" in axes.get_ylabel()
     assert (axes.get_xscale(), axes.get_yscale(), axes.get_title(loc="left")) == ("log", "log", "a title")
+    assert axes.get_legend() is None
     found = lines(axes)
-    for name, points in OF_METHOD.items():
-        np.testing.assert_allclose(found.pop(name), [(p.wall_seconds, p.rmse) for p in points])
+    (exact, _) = found.pop("exact")
+    assert exact[0] == pytest.approx(POINTS[-1].wall_seconds)
+    kinds = (("independent", "sobol"), ("light", "mis"), ("harmonics",), ("pbrt",))
+    said = [text.get_text() for text in axes.texts]
+    for names in kinds:
+        # Squared error times time: what a variance costs.
+        best = min((p for name in names for p in OF_METHOD[name]), key=lambda p: p.rmse**2 * p.wall_seconds).method
+        np.testing.assert_allclose(found.pop(best), [(p.wall_seconds, p.rmse) for p in OF_METHOD[best]])
+        last = OF_METHOD[best][-1]
+        counted = {"per pixel": f"{last.count} spp", "order": f"order {last.count}", "shared": f"{last.count} lights"}
+        (end,) = (text for text in said if text.endswith(f"{best}, {counted[last.kind]}"))
+        assert end
+    assert not found
+
+
+def test_the_headline_has_at_most_seven_lines_whatever_was_measured() -> None:
+    own = [measured(name, n, kind) for name, kind in KINDS.items() for n in (8, 64)]
+    names = ("numpy", "mitsuba scalar_rgb", "mitsuba llvm_ad_rgb", "pbrt-v3", "pbrt-v4", "pbrt-v4 /elsewhere")
+    peers = [measured(name, n, "per pixel", peer=True) for name in names for n in (8, 64)]
+    (axes,) = benchmark_plot.error_against_time(own + peers, "").axes
+    assert len(axes.lines) == 7
+    assert len({(line.get_color(), line.get_marker()) for line in axes.lines}) == 7
+    figure = benchmark_plot.error_against_time_all(own + peers, "")
+    assert [axes.get_title(loc="left") for axes in figure.axes] == PANELS
+    for panel in figure.axes:
+        named = [line for line in panel.lines if line.get_label()[0] != "_"]
+        assert [line.get_label() for line in named] == legend(panel)
+        assert len({(line.get_color(), line.get_marker()) for line in named}) == len(named) <= 7
+
+
+def test_error_against_time_of_all_has_milliseconds_and_percent() -> None:
+    figure = benchmark_plot.error_against_time_all(POINTS, "a title")
     front = [
         p
         for p in INEXACT
         if not any(q.rmse <= p.rmse and q.wall_seconds <= p.wall_seconds for q in INEXACT if q is not p)
     ]
     front.sort(key=lambda p: p.wall_seconds)
-    np.testing.assert_allclose(found.pop("Pareto front"), [(p.wall_seconds, p.rmse) for p in front])
-    ((name, (exact, _)),) = found.items()
-    assert exact[0] == pytest.approx(POINTS[-1].wall_seconds)
-    method, seconds = name.split(", ")
+    remaining = dict(OF_METHOD)
+    for axes in figure.axes:
+        units = unit(RUN_TIME), unit(ERROR)
+        places = {tuple(np.round(np.multiply(text.xy, units), 9)): text.get_text() for text in axes.texts}
+        for line in axes.lines:
+            line.axes.set(xlabel=RUN_TIME, ylabel=ERROR)  # of common axes, only the outer ones say it
+        own = [line for line in axes.lines if line.get_label()[0] != "_"]
+        for line in own:
+            points = remaining.pop(line.get_label())
+            np.testing.assert_allclose(lines(axes)[line.get_label()], [(p.wall_seconds, p.rmse) for p in points])
+            for p in {points[0].count: points[0], points[-1].count: points[-1]}.values():
+                assert places.pop((round(p.wall_seconds, 9), round(p.rmse, 9))) == str(p.count)
+        assert not places
+        (joined,) = (line for line in axes.lines if line.get_label() == "_Pareto front")
+        np.testing.assert_allclose(
+            np.array(joined.get_data(), float).T * units, [(p.wall_seconds, p.rmse) for p in front]
+        )
+    assert not remaining
+    _, said = (text.get_text() for text in figure.legends[0].get_texts())
+    method, seconds = said.split(", ")
     assert method == "exact"
     assert close(seconds.removesuffix(" s"), POINTS[-1].wall_seconds, 2)
-    units = unit(axes.get_xlabel()), unit(axes.get_ylabel())
-    places = {tuple(np.round(np.multiply(text.xy, units), 9)): text.get_text() for text in axes.texts}
-    assert places == {(round(p.wall_seconds, 9), round(p.rmse, 9)): str(p.count) for p in INEXACT}
 
 
 def test_read_outs_beside_error_against_time_are_the_best_there_are() -> None:
-    (axes,) = benchmark_plot.error_against_time(POINTS, "").axes
-    text = axes.get_legend().get_title().get_text()
+    text = benchmark_plot.error_against_time_all(POINTS, "").legends[0].get_title().get_text()
     by_error, by_time = text.split("most exact at equal time")
     rows = re.findall(r"^ *([\d.]+) %  (.*)$", by_error, re.MULTILINE)
     assert [row[0] for row in rows] == ["10.0", "3.0", "1.0", "0.3"]
@@ -193,43 +244,58 @@ def test_read_outs_beside_error_against_time_are_the_best_there_are() -> None:
 
 
 def test_error_against_count_has_spreads_in_percent_and_slopes() -> None:
-    (axes,) = benchmark_plot.error_against_count(POINTS, "a title").axes
-    assert "count" in axes.get_xlabel()
-    assert "RMSE" in axes.get_ylabel()
-    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
-    several = {name: points for name, points in OF_METHOD.items() if len(points) > 1}
-    assert len(axes.containers) == len(several)
-    percent = unit(axes.get_ylabel())
+    figure = benchmark_plot.error_against_count(POINTS, "a title")
+    remaining = {name: points for name, points in OF_METHOD.items() if len(points) > 1}
+    assert "count" in figure.axes[-1].get_xlabel()
+    assert "RMSE" in figure.axes[0].get_ylabel()
+    percent = unit(figure.axes[0].get_ylabel())
     assert percent == 0.01
-    for container, (name, points) in zip(axes.containers, several.items(), strict=True):
-        line, _, (bars,) = container
-        counts, errors = np.array([(p.count, p.rmse) for p in points]).T
-        np.testing.assert_allclose(np.array(line.get_data(), float), (counts, errors / percent))
-        x, y = np.log(counts) - np.log(counts).mean(), np.log(errors)
-        method, slope = container.get_label().split(", slope ")
-        assert method == name
-        assert rounded(slope, (x * y).sum() / (x * x).sum())
-        for p, ((x0, low), (x1, high)) in zip(points, bars.get_segments(), strict=True):
-            spread = min(p.rmse_spread, 0.9 * p.rmse)
-            assert (x0, x1) == (p.count, p.count)
-            assert (low * percent, high * percent) == pytest.approx((p.rmse - spread, p.rmse + spread))
+    for axes in figure.axes:
+        assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
+        for container in axes.containers:
+            line, _, (bars,) = container
+            method, slope = container.get_label().split(", slope ")
+            points = remaining.pop(method)
+            counts, errors = np.array([(p.count, p.rmse) for p in points]).T
+            np.testing.assert_allclose(np.array(line.get_data(), float), (counts, errors / percent))
+            x, y = np.log(counts) - np.log(counts).mean(), np.log(errors)
+            assert rounded(slope, (x * y).sum() / (x * x).sum())
+            for p, ((x0, low), (x1, high)) in zip(points, bars.get_segments(), strict=True):
+                spread = min(p.rmse_spread, 0.9 * p.rmse)
+                assert (x0, x1) == (p.count, p.count)
+                assert (low * percent, high * percent) == pytest.approx((p.rmse - spread, p.rmse + spread))
+    assert not remaining
 
 
 def test_stages_are_shares_of_the_wall_time() -> None:
-    figure = benchmark_plot.stages(POINTS, "a title")
+    names = [f"stage {k}" for k in range(9)]
+    points = [
+        replace(
+            measured(f"method {k}", n, "shared"),
+            stages={name: (i % 5 + i // 5 / 2 + 1) / 40 * 2e-3 for i, name in enumerate(names)},
+            wall_seconds=2e-3,
+        )
+        for k in range(3)
+        for n in (4, 16, 64)
+    ]
+    points.append(replace(measured("bare", 1, "order"), wall_seconds=3e-3, stages={"stage 8": 1e-3}))
+    figure = benchmark_plot.stages(points, "a title")
     (axes,) = figure.axes
     assert axes.get_xlabel() == "share of the wall time"
+    shown = [p for p in points if p.count != 16]  # the least and the largest count of each
     rows = [label.get_text() for label in axes.get_yticklabels()]
-    for row, p in zip(rows, POINTS, strict=True):
-        name, shown = re.fullmatch(r"(.*) \(([\d.]+) ms\)", row).groups()
+    for row, p in zip(rows, shown, strict=True):
+        name, milliseconds = re.fullmatch(r"(.*) \(([\d.]+) ms\)", row).groups()
         assert name == f"{p.method} {p.count}"
-        assert rounded(shown, 1e3 * p.wall_seconds)
+        assert rounded(milliseconds, 1e3 * p.wall_seconds)
     bars = {container.get_label(): list(container) for container in axes.containers}
-    assert list(bars) == [*dict.fromkeys(name for p in POINTS for name in p.stages), "host"]
+    most = [f"stage {k}" for k in (2, 3, 4, 6, 7, 8)]
+    assert list(bars) == [*most, "other stages", "host"]
     assert [text.get_text() for text in figure.legends[0].get_texts()] == list(bars)
-    for y, p in enumerate(POINTS):
+    for y, p in enumerate(shown):
         shares = {name: seconds / p.wall_seconds for name, seconds in p.stages.items()}
         shares["host"] = 1 - sum(shares.values())
+        shares["other stages"] = sum(shares.get(f"stage {k}", 0) for k in (0, 1, 5))
         left = 0.0
         for name, of_stage in bars.items():
             bar = of_stage[y]
@@ -338,7 +404,13 @@ def test_the_benchmark_s_script_prints_what_it_measured(
         assert rounded(shown.removesuffix(" ms"), 1e3 * best.wall_seconds)
     assert {
         name: figure.axes[0].get_xlabel().partition(",")[0].partition(":")[0] for name, figure in drawn.items()
-    } == {"error_time": "run time", "error_count": "count", "stages": "share of the wall time", "images": ""}
+    } == {
+        "error_time": "run time",
+        "error_time_all": "run time",
+        "error_count": "count",
+        "stages": "share of the wall time",
+        "images": "",
+    }
     assert {axes.get_title() for axes in drawn["images"].axes} >= {"exact", "independent 64", "light 8"}
 
 
@@ -502,6 +574,16 @@ def test_scaling_has_milliseconds_and_mebibytes_over_sizes() -> None:
         assert rounded(time, fitted(sizes, [p.seconds for p in points]))
         peaks = [p.peak_bytes for p in points if p.peak_bytes]
         assert (memory == "–") if not peaks else rounded(memory, fitted(sizes, peaks))
+
+
+def test_scaling_shows_no_memory_that_the_allocator_decides() -> None:
+    peaks = {16: 2**12, 64: 2**11, 128: 3 * 2**20}  # bytes; less than a page, and less for more
+    timings = [timing("row cdf", 1e-3, height, None, None, peak=peak) for height, peak in peaks.items()]
+    figure = roofline_plot.scaling([roofline.rated(t, LIMITS_MEASURED) for t in timings], "a device")
+    _, memories, legends = np.reshape(figure.axes, (3, 3))[:, 0]
+    (line,) = memories.lines
+    np.testing.assert_array_equal(line.get_ydata(), [3])
+    assert legend(legends) == ["row cdf: 0.00, –"]
 
 
 def test_the_roofline_s_file_holds_every_figure(tmp_path: Path) -> None:
@@ -824,13 +906,13 @@ def filled(d: Mapping[str, object]) -> str:
         "the median of 4 runs after a warm-up, at 123 #sym.times 123 pixels",
         "Its error is the mean over 9 seeds",
         "Error against run time at 123 #sym.times 123 pixels",
-        "but for the luck of 9 seeds",
+        "give or take the chance of 9 seeds",
         "from the benchmark at 123 #sym.times 123 pixels",
         "directions (sequence of part2 points, seed 102)",
         "This map is 34 #sym.times 18 pixels.",
         "pixels of the sphere (albedo 1, 70 #sym.times 70 pixels",
         "Over 16 #sym.times 16 pixels the error of shared samples",
-        "1 hold, 2 fail and 1 were skipped, with 54,321 draws a case",
+        "1 hold, 2 fail and 1 were skipped, with 54,321 draws per case",
         "lightdome 2.1 on the environment map",
     ],
 )
@@ -987,7 +1069,7 @@ def test_schlick_s_plots_show_the_difference_and_its_largest(sides: tuple[float,
     assert list(curves) == names
     differences = [line for line in below.lines if len(line.get_xdata()) == len(x)]
     said = [text.get_text() for text in below.texts if text.get_text()]
-    heads = ["largest absolute error ", "with transmitted angle "][: len(names)]
+    heads = [["largest absolute error "], ["incident angle: at most ", "transmitted angle: at most "]][n_i > n_t]
     for name, expected, line, text, head in zip(names, approximations, differences, said, heads, strict=True):
         np.testing.assert_allclose(curves[name], [x, expected], atol=1e-6)
         np.testing.assert_allclose(line.get_data(), [x, expected - exact], atol=1e-6)
@@ -997,6 +1079,16 @@ def test_schlick_s_plots_show_the_difference_and_its_largest(sides: tuple[float,
         assert close(largest, error.max(), 3)
         assert float(at) == pytest.approx(x[error.argmax()], abs=0.2)
     assert close(re.search(r"\$R_0\$ = ([\d.e-]+)", shown_numbers(above))[1], r0, 5)
+
+
+@pytest.mark.parametrize("eta", [1.4, 50.0])
+def test_no_difference_from_schlick_is_larger_than_the_largest_named(eta: float) -> None:
+    for sides in ((1.0, eta), (eta, 1.0)):
+        below = plot.schlick_figure(*sides).axes[1]
+        drawn = max(float(np.abs(np.asarray(line.get_ydata(), float)).max()) for line in below.lines)
+        said = " ".join(text.get_text() for text in below.texts)
+        assert max(float(number) for number in re.findall(r"(?:error|at most) ([\d.]+) at", said)) >= drawn - 1e-4
+        assert ("largest" in said) == (sides[0] < sides[1])  # of two curves, each has its own
 
 
 def test_part_1_writes_and_says_the_textbook_s_values(

@@ -117,6 +117,8 @@ def test_a_notebook_shows_maps_and_images_tone_mapped(
     x, y = samples.pixel.T
     assert (marked[y, x] == (0, 0, 255)).all()
     assert (expected[y, x] != (0, 0, 255)).any()
+    outline = (marked != expected).any(axis=2) & (marked != (0, 0, 255)).any(axis=2)
+    assert (marked[outline] == 255).all()
     with pytest.raises(LightdomeError, match="inside the image"):
         lightdome.show(stiff.radiance[:3], samples.pixel)
 
