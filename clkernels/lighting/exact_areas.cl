@@ -80,7 +80,9 @@ kernel void exact_areas(global const arc *restrict arcs,
                         global const uint2 *restrict tiles,
                         global float *restrict sum)
 {
-    const uint2 tile = tiles[get_global_id(0)];
+    const uint2 tile = own_tile(tiles);
+    if (WIDTH == 1 && pixel_normal(tile.x, tile.y, resolution).z <= 0.0f)
+        return;
     const size_t half_width = (width + 1) / 2, stride = half_width + width + 1;
     wide n_x, n_z;
     float n_y;

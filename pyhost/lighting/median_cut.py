@@ -118,9 +118,9 @@ def _table(distribution: Distribution, count: int) -> tuple[DeviceArray, DeviceA
     quantum = 2.0 ** (exponent // 2), 2.0 ** (exponent - exponent // 2)
 
     def sum_rows(cap: int) -> list[int]:
-        device.launch(
+        device.launch_rows(
             "lighting/row_sums",
-            (height,),
+            height,
             stage="row sums",
             radiance=of_map.radiance,
             sin_theta=of_map.sin_theta,
@@ -148,10 +148,10 @@ def _table(distribution: Distribution, count: int) -> tuple[DeviceArray, DeviceA
             break
         cap = lower
 
-    columns = 1 if device.is_gpu else 16
-    device.launch(
+    columns = 16
+    device.launch_rows(
         "lighting/column_sums",
-        (-(-width // columns),),
+        -(-width // columns),
         stage="column sums",
         defines={"COLUMNS": columns},
         width=width,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..progress import Progress
 from .memory import DeviceArray
@@ -12,6 +12,8 @@ from .memory import DeviceArray
 if TYPE_CHECKING:
     from .device import Device
     from .signature import Argument
+
+GROUP = 256  # work-items of a GPU that share local memory
 
 
 def launch(
@@ -65,6 +67,27 @@ def launch(
             if line:
                 device.wait()
                 line.update(end / length)
+
+
+def launch_rows(
+    device: Device,
+    name: str,
+    count: int,
+    /,
+    *,
+    defines: Mapping[str, int] | None = None,
+    step: int | None = None,
+    **options: Any,
+) -> None:
+    """:func:`launch` a kernel that does ``count`` rows, or parts of a map, in the variant for the device.
+
+    A CPU has a work-item for each, of the kernel ``name``; a GPU has GROUP work-items for each, of ``name`` with
+    ``_grouped`` after it. ``step`` counts rows.
+    """
+    if device.is_gpu:
+        name, defines = f"{name}_grouped", {"GROUP": GROUP, **(defines or {})}
+    items, group = (GROUP, GROUP) if device.is_gpu else (1, None)
+    launch(device, name, (count * items,), defines=defines, group=group, step=step and step * items, **options)
 
 
 def _check(name: str, size: tuple[int, ...], group: int | None, step: int | None) -> None:

@@ -63,9 +63,9 @@ def build_product_cdfs(distribution: Distribution, resolution: int, areas: bool 
     cell_marginal_cdf = memory.empty(device, (across, of_map.height), np.uint32)
     flux = memory.empty(device, (down, across), np.float32)
     cell_cones = memory.empty(device, (down, across, 4), np.float32)
-    device.launch(
+    device.launch_rows(
         "rendering/cells",
-        (across, down),
+        across * down,
         radiance=of_map.radiance,
         theta=of_map.theta,
         phi=of_map.phi,
@@ -86,9 +86,9 @@ def build_product_cdfs(distribution: Distribution, resolution: int, areas: bool 
     tile_total = memory.zeros(device, (count, count), np.float32)
     tile_row_cdf = memory.empty(device, (count, count, down, across), np.uint32)
     tile_marginal_cdf = memory.empty(device, (count, count, down), np.uint32)
-    device.launch(
+    device.launch_rows(
         "rendering/product_cdf",
-        (count, count),
+        count**2,
         stage="product cdf",
         flux=flux,
         cell_cones=cell_cones,
