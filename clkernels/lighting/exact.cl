@@ -20,7 +20,7 @@
 
 #define PLAIN_ROWS 64  // whose sum is in single precision
 
-kernel void exact(global const arc *restrict arcs,
+kernel void exact(global const stored_arc *restrict arcs,
                   global const float *restrict half_arc,
                   const uint width,
                   const uint height,
@@ -47,12 +47,12 @@ kernel void exact(global const arc *restrict arcs,
             matrix[k] = 0.0f;
         arc whole = 0.0f;
         for (uint r = begin_row; r < end_row; ++r) {
-            global const arc *row = arcs + (r * stride + half_width) * 2;
+            global const stored_arc *row = arc_row(arcs, r, half_width, stride);
             const float h = half_arc[r];
             if (h <= 0.0f)
                 continue;
             if (h >= 0.5f * width) {
-                whole += arc_between(row, 0, width);
+                whole += arc_between(row, stride, 0, width);
                 continue;
             }
             int begin[WIDTH], end[WIDTH];
@@ -60,7 +60,7 @@ kernel void exact(global const arc *restrict arcs,
             STORE_WIDE(to_wide_int(floor(centre + h)) + 1, end);
 #pragma unroll
             for (int k = 0; k < WIDTH; ++k)
-                matrix[k] += arc_between(row, begin[k], end[k]);
+                matrix[k] += arc_between(row, stride, begin[k], end[k]);
         }
 
         for (int k = 0; k < WIDTH; ++k) {

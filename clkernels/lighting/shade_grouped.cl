@@ -23,23 +23,14 @@
 #define PATCH (ACROSS * DOWN)
 #define SLICES (GROUP / PATCH)
 
-#ifdef GREY
-#define FLOATS 4
-#else
-#define FLOATS 8
-#endif
-
 __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 kernel void shade_grouped(global const uint2 *restrict tiles,
-                          global const float *restrict lights,
+                          global const float4 *restrict lights,
                           const uint light_count,
                           const int resolution,
                           global float *restrict image)
 {
     local float2 parts[PIXELS * CHANNELS][GROUP];
-#ifdef LOCAL
-    local float own[CHUNK * FLOATS];
-#endif
     const uint i = get_local_id(0), lane = i % PATCH, slice = i / PATCH;
     const uint2 tile = tiles[get_global_id(0) / GROUP];
     const int x = tile.x + lane % ACROSS, y = tile.y + lane / ACROSS;
@@ -55,20 +46,8 @@ kernel void shade_grouped(global const uint2 *restrict tiles,
             hi[j][c] = lo[j][c] = 0.0f;
     }
 
-#ifdef LOCAL
-    for (uint first = 0; first < light_count; first += CHUNK) {
-        const uint last = min((uint)CHUNK, light_count - first);
-        barrier(CLK_LOCAL_MEM_FENCE);
-        for (uint k = i; k < last * FLOATS; k += GROUP)
-            own[k] = lights[(size_t)first * FLOATS + k];
-        barrier(CLK_LOCAL_MEM_FENCE);
-        const uint begin = 0;
-        local const float *from = own;
-#else
     for (uint first = 0; first < light_count; first += CHUNK * SLICES) {
-        const uint last = min((uint)CHUNK * SLICES, light_count - first);
-        global const float *from = lights + (size_t)first * FLOATS;
-#endif
+        const uint last = min(first + CHUNK * SLICES, light_count);
         float chunk[PIXELS][CHANNELS];
 #pragma unroll
         for (int j = 0; j < PIXELS; ++j)
@@ -77,12 +56,12 @@ kernel void shade_grouped(global const uint2 *restrict tiles,
                 chunk[j][c] = 0.0f;
 
 #pragma unroll 4
-        for (uint k = slice; k < last; k += SLICES) {
-            const float4 w = vload4(k * (FLOATS / 4), from);
+        for (uint k = first + slice; k < last; k += SLICES) {
 #ifdef GREY
+            const float4 w = lights[k];
             const float E[1] = {w.w};
 #else
-            const float4 of_light = vload4(2 * k + 1, from);
+            const float4 w = lights[2 * (size_t)k], of_light = lights[2 * (size_t)k + 1];
             const float E[3] = {of_light.x, of_light.y, of_light.z};
 #endif
             const float along = nx * w.x;

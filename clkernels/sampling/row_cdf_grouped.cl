@@ -38,7 +38,7 @@ kernel void row_cdf_grouped(global const float *restrict radiance,
         for (uint k = 0; k < EACH; ++k) {
             const uint x = k * GROUP + i;
             tile[PLACE(x)] = as_uint(f[k]);
-            if (first + x < width)
+            if (TILE < width && first + x < width)
                 cdf[first + x] = as_uint(f[k]);
         }
         barrier(CLK_LOCAL_MEM_FENCE);
@@ -73,7 +73,8 @@ kernel void row_cdf_grouped(global const float *restrict radiance,
 #pragma unroll
         for (uint k = 0; k < EACH; ++k) {
             const uint x = k * GROUP + i;
-            tile[PLACE(x)] = first + x < width ? quantise_one(as_float(cdf[first + x]), to_integers) : 0;
+            const uint bits = TILE < width ? (first + x < width ? cdf[first + x] : 0) : tile[PLACE(x)];
+            tile[PLACE(x)] = quantise_one(as_float(bits), to_integers);
         }
         barrier(CLK_LOCAL_MEM_FENCE);
         uint entry[EACH], sum = 0, all;

@@ -26,7 +26,7 @@ from .horizon import LEAST_SHAPE, area_moments, horizon_tables
 ARCS_ROWS = 64  # most in a band, but for centres on a GPU
 ARCS_BYTES = 2**22  # most for a band's prefix sums: about a second-level cache
 GPU_ARCS_BYTES = 2**25  # the same on a GPU
-GPU_PATCH = 8, 4  # pixels, see clkernels/lighting/sphere.clh
+GPU_PATCH = 16, 16  # pixels of a group, see clkernels/lighting/sphere.clh
 # Part of the key of kept images: change it when the camera or a map's orientation changes.
 CONVENTION = "row 0 up, phi from +x to +z, camera along -z"
 KERNELS = {"centres": "lighting/exact", "areas": "lighting/exact_areas"}  # they sum over the arcs of rows
@@ -89,7 +89,7 @@ def exact(
     else:
         device.decisions.use("separate channels", "the map is in colour")
     note_tiles(device.decisions, tiles, resolution, pixels_across, pixels_down)
-    word = 4 if grey else 16  # floats
+    word = 4 if grey else 12 if device.is_gpu else 16  # floats
     most = GPU_ARCS_BYTES if device.is_gpu else ARCS_BYTES
     band = max(2, min(height, height if device.is_gpu and not areas else ARCS_ROWS, most // (8 * word * line)))
     arcs = memory.empty(device, (band, line, 2, word), np.float32)
@@ -128,6 +128,7 @@ def exact(
             device.launch(
                 KERNELS[pixels],
                 (len(tiles) * (pixels_across * pixels_down // lanes),),
+                group=pixels_across * pixels_down if device.is_gpu else None,
                 stage="exact",
                 defines={"WIDTH": lanes, **defines},
                 arcs=arcs,
