@@ -14,14 +14,20 @@
 #include "common/fma.clh"
 #include "common/normal.clh"
 
-#ifndef PIXELS
 #define PIXELS 4
-#endif
-#define CHUNK 128  // lights
+#define CHUNK 512  // lights that a group has in local memory
 #define ACROSS 8
 #define DOWN 4
 #define PATCH (ACROSS * DOWN)
 #define SLICES (GROUP / PATCH)
+
+#ifdef GREY
+#define VECTORS 1  // of a light
+#else
+#define VECTORS 2
+#endif
+#define SUMS (PIXELS * CHANNELS * GROUP / 2)
+#define SHARED (CHUNK * VECTORS > SUMS ? CHUNK * VECTORS : SUMS)
 
 __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 kernel void shade_grouped(global const uint2 *restrict tiles,
@@ -30,7 +36,7 @@ kernel void shade_grouped(global const uint2 *restrict tiles,
                           const int resolution,
                           global float *restrict image)
 {
-    local float2 parts[PIXELS * CHANNELS][GROUP];
+    local float4 shared[SHARED];
     const uint i = get_local_id(0), lane = i % PATCH, slice = i / PATCH;
     const uint2 tile = tiles[get_global_id(0) / GROUP];
     const int x = tile.x + lane % ACROSS, y = tile.y + lane / ACROSS;
@@ -46,8 +52,12 @@ kernel void shade_grouped(global const uint2 *restrict tiles,
             hi[j][c] = lo[j][c] = 0.0f;
     }
 
-    for (uint first = 0; first < light_count; first += CHUNK * SLICES) {
-        const uint last = min(first + CHUNK * SLICES, light_count);
+    for (uint first = 0; first < light_count; first += CHUNK) {
+        const uint count = min((uint)CHUNK, light_count - first);
+        barrier(CLK_LOCAL_MEM_FENCE);
+        for (uint k = i; k < count * VECTORS; k += GROUP)
+            shared[k] = lights[(size_t)first * VECTORS + k];
+        barrier(CLK_LOCAL_MEM_FENCE);
         float chunk[PIXELS][CHANNELS];
 #pragma unroll
         for (int j = 0; j < PIXELS; ++j)
@@ -56,12 +66,12 @@ kernel void shade_grouped(global const uint2 *restrict tiles,
                 chunk[j][c] = 0.0f;
 
 #pragma unroll 4
-        for (uint k = first + slice; k < last; k += SLICES) {
+        for (uint k = slice; k < count; k += SLICES) {
+            const float4 w = shared[VECTORS * k];
 #ifdef GREY
-            const float4 w = lights[k];
             const float E[1] = {w.w};
 #else
-            const float4 w = lights[2 * (size_t)k], of_light = lights[2 * (size_t)k + 1];
+            const float4 of_light = shared[VECTORS * k + 1];
             const float E[3] = {of_light.x, of_light.y, of_light.z};
 #endif
             const float along = nx * w.x;
@@ -81,19 +91,21 @@ kernel void shade_grouped(global const uint2 *restrict tiles,
                 DOUBLE_WORD_ADD(float, hi[j][c], lo[j][c], chunk[j][c]);
     }
 
+    local float2 *parts = (local float2 *)shared;  // by number and work-item
+    barrier(CLK_LOCAL_MEM_FENCE);
 #pragma unroll
     for (int j = 0; j < PIXELS; ++j)
 #pragma unroll
         for (int c = 0; c < CHANNELS; ++c)
-            parts[j * CHANNELS + c][i] = (float2)(hi[j][c], lo[j][c]);
+            parts[(j * CHANNELS + c) * GROUP + i] = (float2)(hi[j][c], lo[j][c]);
     barrier(CLK_LOCAL_MEM_FENCE);
     for (uint k = slice; k < PIXELS * CHANNELS; k += SLICES) {
         const int below = y + DOWN * (int)(k / CHANNELS);
         if (pixel_normal(x, below, resolution).z <= 0.0f)
             continue;
-        float2 sum = parts[k][lane];
+        float2 sum = parts[k * GROUP + lane];
         for (uint from = 1; from < SLICES; ++from)
-            sum = double_word_sum(sum, parts[k][from * PATCH + lane]);
+            sum = double_word_sum(sum, parts[k * GROUP + from * PATCH + lane]);
         global float *pixel = image + 3 * (below * (size_t)resolution + x);
 #ifdef GREY
         pixel[0] = pixel[1] = pixel[2] = sum.x;
