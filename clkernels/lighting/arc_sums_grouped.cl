@@ -3,7 +3,7 @@
 // A work-item sums a vector of 4 floats over a part of the row, then adds the parts before it. Another order of summation
 // changes the last digits of double words.
 //
-// arcs  band x VECTORS x (half + width + 1) x (high, low): 3 vectors (R, G, B, 0), of w_x, w_y and w_z; with GREY a single
+// arcs  band x (high, low) x VECTORS x (half + width + 1): 3 vectors (R, G, B, 0), of w_x, w_y and w_z; with GREY a single
 //       one, (w_x, w_y, w_z, 0) times the one channel
 //
 // Other arguments: arc_sums.cl. One group of GROUP work-items per row.
@@ -51,7 +51,7 @@ kernel void arc_sums_grouped(global const float *restrict radiance,
     const float2 t = theta[y];
     const float weight = row_weight[y];
     radiance += (size_t)y * width * 3;
-    arcs += (row * VECTORS + axis) * (size_t)stride * 2;
+    arcs += (row * 2 * VECTORS + axis) * (size_t)stride;
 
     float4 hi = 0.0f, lo = 0.0f, m[AT_ONCE];
     for (uint from = begin; from < end; from += AT_ONCE) {
@@ -71,8 +71,8 @@ kernel void arc_sums_grouped(global const float *restrict radiance,
 #pragma unroll
         for (uint k = 0; k < AT_ONCE; ++k) {
             if (from + k < end) {
-                arcs[2 * (size_t)(from + k)] = hi;
-                arcs[2 * (size_t)(from + k) + 1] = lo;
+                arcs[from + k] = hi;
+                arcs[from + k + (size_t)VECTORS * stride] = lo;
             }
             DOUBLE_WORD_ADD(float4, hi, lo, m[k]);
         }

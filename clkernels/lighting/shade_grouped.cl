@@ -1,7 +1,7 @@
 // A diffuse sphere lit by a set of directional lights, as shade.cl computes it, for a GPU.
 //
-// A light that is read serves PIXELS pixels of a work-item, which are in one column, and all of a patch of LANES_ACROSS
-// x LANES_DOWN work-items reads it at once. The lights are dealt out to SLICES such patches of the group, whose sums are
+// A light that is read serves PIXELS pixels of a work-item, which are in one column, and all of a patch of ACROSS
+// x DOWN work-items reads it at once. The lights are dealt out to SLICES such patches of the group, whose sums are
 // added at the end, in the same order always.
 //
 // lights  light_count x 8 floats: direction w and 0, E and 0; with GREY 4 floats: w, E
@@ -14,7 +14,7 @@
 #include "common/fma.clh"
 #include "common/normal.clh"
 
-#define PIXELS 4
+#define PIXELS 8
 #define CHUNK 512  // lights that a group has in local memory
 #define ACROSS 8
 #define DOWN 4
@@ -26,7 +26,7 @@
 #else
 #define VECTORS 2
 #endif
-#define SUMS (PIXELS * CHANNELS * GROUP / 2)
+#define SUMS (PIXELS / 2 * CHANNELS * GROUP / 2)
 #define SHARED (CHUNK * VECTORS > SUMS ? CHUNK * VECTORS : SUMS)
 
 __attribute__((reqd_work_group_size(GROUP, 1, 1)))
@@ -65,7 +65,7 @@ kernel void shade_grouped(global const uint2 *restrict tiles,
             for (int c = 0; c < CHANNELS; ++c)
                 chunk[j][c] = 0.0f;
 
-#pragma unroll 4
+#pragma unroll 2
         for (uint k = slice; k < count; k += SLICES) {
             const float4 w = shared[VECTORS * k];
 #ifdef GREY
@@ -91,26 +91,31 @@ kernel void shade_grouped(global const uint2 *restrict tiles,
                 DOUBLE_WORD_ADD(float, hi[j][c], lo[j][c], chunk[j][c]);
     }
 
+    // Half of the pixels at a time, for which there is room.
     local float2 *parts = (local float2 *)shared;  // by number and work-item
-    barrier(CLK_LOCAL_MEM_FENCE);
 #pragma unroll
-    for (int j = 0; j < PIXELS; ++j)
+    for (int half_of = 0; half_of < 2; ++half_of) {
+        barrier(CLK_LOCAL_MEM_FENCE);
 #pragma unroll
-        for (int c = 0; c < CHANNELS; ++c)
-            parts[(j * CHANNELS + c) * GROUP + i] = (float2)(hi[j][c], lo[j][c]);
-    barrier(CLK_LOCAL_MEM_FENCE);
-    for (uint k = slice; k < PIXELS * CHANNELS; k += SLICES) {
-        const int below = y + DOWN * (int)(k / CHANNELS);
-        if (pixel_normal(x, below, resolution).z <= 0.0f)
-            continue;
-        float2 sum = parts[k * GROUP + lane];
-        for (uint from = 1; from < SLICES; ++from)
-            sum = double_word_sum(sum, parts[k * GROUP + from * PATCH + lane]);
-        global float *pixel = image + 3 * (below * (size_t)resolution + x);
+        for (int j = 0; j < PIXELS / 2; ++j)
+#pragma unroll
+            for (int c = 0; c < CHANNELS; ++c)
+                parts[(j * CHANNELS + c) * GROUP + i] =
+                    (float2)(hi[half_of * PIXELS / 2 + j][c], lo[half_of * PIXELS / 2 + j][c]);
+        barrier(CLK_LOCAL_MEM_FENCE);
+        for (uint k = slice; k < PIXELS / 2 * CHANNELS; k += SLICES) {
+            const int below = y + DOWN * (half_of * PIXELS / 2 + (int)(k / CHANNELS));
+            if (pixel_normal(x, below, resolution).z <= 0.0f)
+                continue;
+            float2 sum = parts[k * GROUP + lane];
+            for (uint from = 1; from < SLICES; ++from)
+                sum = double_word_sum(sum, parts[k * GROUP + from * PATCH + lane]);
+            global float *pixel = image + 3 * (below * (size_t)resolution + x);
 #ifdef GREY
-        pixel[0] = pixel[1] = pixel[2] = sum.x;
+            pixel[0] = pixel[1] = pixel[2] = sum.x;
 #else
-        pixel[k % CHANNELS] = sum.x;
+            pixel[k % CHANNELS] = sum.x;
 #endif
+        }
     }
 }

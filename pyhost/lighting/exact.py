@@ -25,7 +25,7 @@ from .horizon import LEAST_SHAPE, area_moments, horizon_tables
 # The image is summed over bands of map rows: 64 rows at most in single precision, the sum of these in double words.
 ARCS_ROWS = 64  # most in a band, but for centres on a GPU
 ARCS_BYTES = 2**22  # most for a band's prefix sums: about a second-level cache
-GPU_ARCS_BYTES = 2**25  # the same on a GPU
+GPU_ARCS_BYTES = 2**26  # the same on a GPU
 GPU_PATCH = 16, 16  # pixels of a group, see clkernels/lighting/sphere.clh
 # Part of the key of kept images: change it when the camera or a map's orientation changes.
 CONVENTION = "row 0 up, phi from +x to +z, camera along -z"

@@ -25,7 +25,7 @@ from .exact import exact
 
 LANES = 16  # pixels across a tile, and lights in a vector, see clkernels/lighting/shade_tiles.cl
 TILE_ROWS = 16
-GPU_TILE = 8, 16  # pixels across and down that a group of work-items shares, see clkernels/lighting/shade_grouped.cl
+GPU_TILE = 8, 32  # pixels across and down that a group of work-items shares, see clkernels/lighting/shade_grouped.cl
 PAIRS_PER_LAUNCH = 2**33  # pixels x lights between two updates of the progress line
 SAMPLES_PER_ROW = 320  # samples per map row above which shading the summed map is faster
 
