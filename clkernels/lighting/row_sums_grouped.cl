@@ -25,7 +25,7 @@ kernel void row_sums_grouped(global const float *restrict radiance,
     energy += y * width;
     lit += y * width;
 
-    ulong below = 0, heavy = 0, energy_carry = 0, all;
+    ulong below = 0, heavy = 0, largest = 0, energy_carry = 0, all;
     uint lit_carry = 0, lit_all;
     for (uint first = 0; first < width; first += GROUP) {
         const uint x = first + i;
@@ -34,6 +34,7 @@ kernel void row_sums_grouped(global const float *restrict radiance,
         const uint l = q != 0;
         below += q > cap ? 0 : q;
         heavy += q > cap;
+        largest = max(largest, q);
         const ulong energy_before = energy_carry + long_sum_before(e, sums, &all);
         const uint lit_before = lit_carry + sum_before(l, lit_sums, &lit_all);
         if (x < width) {
@@ -46,6 +47,12 @@ kernel void row_sums_grouped(global const float *restrict radiance,
     ulong below_all, heavy_all;
     long_sum_before(below, sums, &below_all);
     long_sum_before(heavy, sums, &heavy_all);
-    if (i == 0)
-        vstore3((ulong3)(below_all, heavy_all, lit_carry), y, row);
+    barrier(CLK_LOCAL_MEM_FENCE);
+    sums[i] = largest;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    if (i == 0) {
+        for (uint k = 1; k < GROUP; ++k)
+            largest = max(largest, sums[k]);
+        vstore4((ulong4)(below_all, heavy_all, lit_carry, largest), y, row);
+    }
 }

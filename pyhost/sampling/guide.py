@@ -60,9 +60,7 @@ def build_guide(
         total = memory.empty(device, count, np.uint32)
         shift = 32 - bits
         kernel, size = ("guide_buckets", (2**bits, count)) if device.is_gpu else ("guide", (count,))
-        device.launch(
-            f"sampling/{kernel}", size, stage="guide", cdf=cdf, n=n, shift=shift, guide=guide, total=total
-        )
+        device.launch(f"sampling/{kernel}", size, stage="guide", cdf=cdf, n=n, shift=shift, guide=guide, total=total)
         return guide, total, shift
 
     marginal, _, marginal_shift = table(marginal_cdf, 1, height, BUCKETS_PER_ROW)
