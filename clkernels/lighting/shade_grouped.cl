@@ -15,7 +15,7 @@
 #include "common/normal.clh"
 
 #define PIXELS 8
-#define CHUNK 512  // lights that a group has in local memory
+#define CHUNK 1024  // lights that a group has in local memory
 #define ACROSS 8
 #define DOWN 4
 #define PATCH (ACROSS * DOWN)

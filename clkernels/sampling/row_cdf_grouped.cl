@@ -8,7 +8,7 @@
 #include "sampling/row_weights.clh"
 #include "common/group_scan.clh"
 
-#define EACH 8  // pixels of a work-item in a tile
+#define EACH 16  // pixels of a work-item in a tile
 #define TILE (GROUP * EACH)
 #define PLACE(x) ((x) + (x) / EACH)  // in local memory: work-items side by side are in different banks
 

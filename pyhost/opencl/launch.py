@@ -77,17 +77,20 @@ def launch_rows(
     *,
     defines: Mapping[str, int] | None = None,
     step: int | None = None,
+    group: int = GROUP,
     **options: Any,
 ) -> None:
     """:func:`launch` a kernel that does ``count`` rows, or parts of a map, in the variant for the device.
 
-    A CPU has a work-item for each, of the kernel ``name``; a GPU has GROUP work-items for each, of ``name`` with
+    A CPU has a work-item for each, of the kernel ``name``; a GPU has ``group`` work-items for each, of ``name`` with
     ``_grouped`` after it. ``step`` counts rows.
     """
-    if device.is_gpu:
-        name, defines = f"{name}_grouped", {"GROUP": GROUP, **(defines or {})}
-    items, group = (GROUP, GROUP) if device.is_gpu else (1, None)
-    launch(device, name, (count * items,), defines=defines, group=group, step=step and step * items, **options)
+    if not device.is_gpu:
+        launch(device, name, (count,), defines=defines, step=step, **options)
+        return
+    defines = {"GROUP": group, **(defines or {})}
+    step = step and step * group
+    launch(device, f"{name}_grouped", (count * group,), defines=defines, group=group, step=step, **options)
 
 
 def _check(name: str, size: tuple[int, ...], group: int | None, step: int | None) -> None:

@@ -67,6 +67,7 @@ def build_row_cdfs(of_map: DeviceMap, offset: float = 0.0, out: RowCDFs | None =
     device.launch_rows(
         "sampling/row_cdf",
         of_map.height,
+        group=128,
         stage="row cdf",
         defines=defines,
         radiance=radiance,
