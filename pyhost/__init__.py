@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from importlib import import_module
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 TYPE_CHECKING = False  # like typing's, which takes long to load
 
 if TYPE_CHECKING:

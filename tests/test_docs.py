@@ -206,25 +206,6 @@ def test_examples_of_the_help_run(script: Script, clone: Path, ran: set[str]) ->
             run(clone, example)
 
 
-def test_the_api_reference_builds_without_a_warning(tmp_path: Path) -> None:
-    pytest.importorskip("pdoc", reason="needs the extra [docs]")
-    result = subprocess.run(
-        [sys.executable, ROOT / "docs" / "api.py", tmp_path], capture_output=True, text=True, timeout=LONG
-    )
-    assert result.returncode == 0, result.stderr
-    assert not result.stderr
-    index = (tmp_path / "lightdome.html").read_text(encoding="utf-8")
-    for name in lightdome.__all__:
-        assert f'id="{name}"' in index, name
-    for page in (tmp_path / "lightdome").rglob("*.html"):
-        for text in re.findall(r'<div class="docstring">(.*?)</div>', page.read_text(encoding="utf-8"), re.DOTALL):
-            assert "</code>  " not in text, f"{page.name}: a list that is not written as one: {text}"
-    files = {path.relative_to(ROOT / "pyhost") for path in (ROOT / "pyhost").rglob("*.py")}
-    modules = {file.parent if file.name == "__init__.py" else file.with_suffix("") for file in files}
-    pages = {path.relative_to(tmp_path / "lightdome").with_suffix("") for path in tmp_path.rglob("lightdome/**/*.html")}
-    assert pages == modules - {Path(), Path("commands/__main__")}
-
-
 def test_the_version_is_written_once() -> None:
     assert version("lightdome") == lightdome.__version__
     written = [*PAGES, *(ROOT / name for name in ("setup.cfg", "setup.py", "pyproject.toml", "CITATION.cff"))]

@@ -60,6 +60,7 @@ def main() -> None:
         action="store_true",
         help="smaller image, fewer counts, seeds and repeats: under half a minute on two cores",
     )
+    cli.explain_option(parser)
     cli.device_option(parser)
     args = parser.parse_args()
     if args.pbrt and "pbrt" not in args.peers:
@@ -91,6 +92,8 @@ def run(args: argparse.Namespace) -> None:
         for pixels in {"centres", *(method.pixels for method in chosen)}
     }
 
+    cli.explain(args, "the exact image", device.decisions.take())
+
     counts = {"shared": args.counts, "per pixel": args.spp}
     plan = [(method, count) for method in chosen for count in method.counts or sorted(set(counts[method.kind]))]
     points = []
@@ -105,6 +108,7 @@ def run(args: argparse.Namespace) -> None:
                 if not method.peer:
                     raise
                 found.absent[method.name] = f"failed at {count}: {error}"
+            cli.explain(args, f"{method.name} {count}", device.decisions.take())
             progress.update((done + 1) / len(plan))
 
     chosen = [method for method in chosen if method.name not in found.absent]

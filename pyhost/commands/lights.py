@@ -34,6 +34,7 @@ def main() -> None:
         f" (default: by the suffix, {', '.join(f'{s} {n}' for n, s in LIGHT_FORMATS.items())})",
     )
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="file to write")
+    cli.explain_option(parser)
     cli.device_option(parser)
     args = parser.parse_args()
 
@@ -42,7 +43,10 @@ def main() -> None:
     name = light_format(args.out, args.format)
     cli.output_file(args.out)
     envmap = cli.load_map(args)
-    lights = make(cli.open_device(args), envmap, args.method, args.count, args.seed)
+    device = cli.open_device(args)
+    lights = make(device, envmap, args.method, args.count, args.seed)
+    cli.explain(args, f"{len(lights)} lights", device.decisions.take())
+    cli.explain_kernels(args, device)
     write_lights(args.out, lights, name)
     print(f"wrote {args.out}: {len(lights)} light{'s' if len(lights) > 1 else ''} by {args.method}, as {name}")
 

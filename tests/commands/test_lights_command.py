@@ -58,6 +58,15 @@ def assert_lights(path: Path, lights: Lights) -> None:
     np.testing.assert_allclose(found[:, 3:], lights.flux, rtol=1e-8)
 
 
+def test_explain_says_what_was_skipped(run: Callable[..., Path], capsys: pytest.CaptureFixture[str]) -> None:
+    plain = run(with_sun(), "--count", 3).read_bytes()
+    assert "skipped: " not in capsys.readouterr().out
+    assert run(with_sun(), "--count", 3, "--explain").read_bytes() == plain
+    said = capsys.readouterr().out
+    assert "3 lights: skipped: scaling of weights; " in said
+    assert "\nbuilt " in said
+
+
 @pytest.mark.parametrize("method", LIGHT_METHODS)
 def test_all_lights_together_have_the_maps_flux(run: Callable[..., Path], method: str) -> None:
     radiance = with_sun()

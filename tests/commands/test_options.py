@@ -804,6 +804,14 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
     assert [a.method.name for a in chosen] == ["sobol", "bsdf"]
 
 
+@option("--explain", "bench")
+def _(world: World, patch: pytest.MonkeyPatch) -> None:
+    options = ("--map", world.folder / "map.pfm", "--resolution", 9, "--counts", 4, "--spp", 1, "--seeds", 1)
+    ran = world.run("bench", *options, "--repeats", 1, "--methods", "sobol", "light", "--explain")
+    assert "\nsobol 4: skipped: guide tables; " in ran.said
+    assert "\nlight 1: used: guide tables; " in ran.said
+
+
 @option("--peers", "bench", "stability")
 def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
     if script == "bench":
