@@ -3,7 +3,7 @@
 Pixel (i, j) of an R x R image has n_x = (2i + 1 - R) / R, n_y = (R - 2j - 1) / R and
 n_z = sqrt(1 - n_x^2 - n_y^2); image x to the right is +x, image y upward is +y. The surface is
 convex, so visibility is 1 and no ray is traced. Kernels: ``shade_tiles.cl`` with ``light_groups.cl`` on a CPU,
-``shade.cl`` on a GPU.
+``shade_grouped.cl`` on a GPU; ``shade.cl`` is a CPU's brute force.
 """
 
 from __future__ import annotations
