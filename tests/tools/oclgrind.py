@@ -7,8 +7,8 @@ odd sizes, so that vectors meet their remainders; each kernel runs in the shape 
 Exits with 1 if Oclgrind has any finding, if it misses the faults of a kernel that is broken on purpose, or if a
 kernel of clkernels/ did not run.
 
-The search for what was never set is for row_cdf, marginal_cdf, guide, choose_rows, sample with and without guides,
-shade, harmonics, render_light, render_light_areas, render_bsdf and render_mis in the shape for a GPU, since that of
+The search for what was never set is for the CDFs, guides, choose_rows, sample with and without guides, shade,
+harmonics, render_light, render_light_areas, render_bsdf and render_mis in the shape for a GPU, since that of
 Oclgrind 21.10 cannot follow all vectors: it takes lane 11 of any for never set where the memory was used before, and
 for a lane that does not matter it reads outside its own memory.
 tests/opencl/test_device_agreement.py searches all kernels for it in another way.
