@@ -30,8 +30,8 @@ kernel void cells(global const float *restrict radiance,
                   global float *restrict flux,
                   global float4 *restrict cell_cones)
 {
-    const uint index = get_global_id(0), cells_across = (width + size.x - 1) / size.x;
-    const uint2 cell = (uint2)(index % cells_across, index / cells_across);
+    const uint2 cell = (uint2)(get_global_id(0), get_global_id(1));
+    const size_t index = cell.y * get_global_size(0) + cell.x;
     const uint2 first = cell * size, last = min(first + size, (uint2)(width, height));
     cell_marginal_cdf += (size_t)cell.x * height;
 

@@ -47,9 +47,8 @@ kernel void product_cdf(global const float *restrict flux,
                         global uint *restrict tile_row_cdf,
                         global uint *restrict tile_marginal_cdf)
 {
-    const size_t index = get_global_id(0);
-    const uint count = (resolution + tile_size - 1) / tile_size;
-    const float4 tile_cone = bound_normals((int2)(index % count, index / count), tile_size, resolution);
+    const size_t index = get_global_id(1) * get_global_size(0) + get_global_id(0);
+    const float4 tile_cone = bound_normals((int2)(get_global_id(0), get_global_id(1)), tile_size, resolution);
     if (tile_cone.w == 0.0f)
         return;
     tile_cones[index] = tile_cone;

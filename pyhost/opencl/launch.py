@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -72,7 +73,7 @@ def launch(
 def launch_rows(
     device: Device,
     name: str,
-    count: int,
+    count: int | tuple[int, int],
     /,
     *,
     defines: Mapping[str, int] | None = None,
@@ -83,14 +84,15 @@ def launch_rows(
     """:func:`launch` a kernel that does ``count`` rows, or parts of a map, in the variant for the device.
 
     A CPU has a work-item for each, of the kernel ``name``; a GPU has ``group`` work-items for each, of ``name`` with
-    ``_grouped`` after it. ``step`` counts rows.
+    ``_grouped`` after it. ``step`` counts rows. A ``count`` may be across and down; a GPU's groups are numbered through.
     """
+    size = (count,) if isinstance(count, int) else count
     if not device.is_gpu:
-        launch(device, name, (count,), defines=defines, step=step, **options)
+        launch(device, name, size, defines=defines, step=step, **options)
         return
     defines = {"GROUP": group, **(defines or {})}
     step = step and step * group
-    launch(device, f"{name}_grouped", (count * group,), defines=defines, group=group, step=step, **options)
+    launch(device, f"{name}_grouped", (math.prod(size) * group,), defines=defines, group=group, step=step, **options)
 
 
 def _check(name: str, size: tuple[int, ...], group: int | None, step: int | None) -> None:

@@ -65,7 +65,7 @@ def build_product_cdfs(distribution: Distribution, resolution: int, areas: bool 
     cell_cones = memory.empty(device, (down, across, 4), np.float32)
     device.launch_rows(
         "rendering/cells",
-        across * down,
+        (across, down),
         radiance=of_map.radiance,
         theta=of_map.theta,
         phi=of_map.phi,
@@ -88,7 +88,7 @@ def build_product_cdfs(distribution: Distribution, resolution: int, areas: bool 
     tile_marginal_cdf = memory.empty(device, (count, count, down), np.uint32)
     device.launch_rows(
         "rendering/product_cdf",
-        count**2,
+        (count, count),
         stage="product cdf",
         flux=flux,
         cell_cones=cell_cones,
