@@ -35,7 +35,7 @@ R = 33
 
 
 def made_radiance(spread: int) -> np.ndarray:
-    """A map in whole numbers times powers of two, with black pixels: no rounding in its making. (37, 67, 3)."""
+    """A map (37, 67, 3) of integers times powers of two, with black pixels, made without any rounding."""
     y, x, c = np.mgrid[0:37, 0:67, 0:3]
     radiance = np.ldexp(((x * 7 + y * 13 + c * 5) % 31).astype(np.float32), (x * 5 + y * 3) % (2 * spread + 1) - spread)
     radiance[(x + 3 * y) % 5 == 0] = 0
@@ -50,13 +50,13 @@ def digest(*arrays: np.ndarray) -> str:
 
 
 def samples_of(distribution: Distribution, sequence: str, within: str = "centre") -> str:
-    """A digest of samples, few and many."""
+    """A digest of samples, for small and large counts."""
     drawn = [distribution.sample(count, 2**40 + 5, sequence, within) for count in (1, 1000, 100_000)]
     return digest(*(a for s in drawn for a in (s.pixel, s.probability, s.direction, s.radiance)))
 
 
 def images(distribution: Distribution) -> dict[str, np.ndarray]:
-    """An image by every way to one."""
+    """An image by every method."""
     device, envmap = distribution.device, distribution.envmap
     samples, lights = distribution.sample(1000, 3), median_cut(distribution, 64)
     result = {
@@ -153,7 +153,7 @@ def test_nothing_depends_on_what_memory_held_before(devices: list[Device], monke
     make = cl.Buffer
     for device in devices:
         results = []
-        for byte in (0, 0xFF):  # as float: 0 and NaN
+        for byte in (0, 0xFF):  # as floats: 0 and NaN
 
             def filled(
                 context: cl.Context,
@@ -164,9 +164,9 @@ def test_nothing_depends_on_what_memory_held_before(devices: list[Device], monke
                 queue: cl.CommandQueue = device.queue,
                 byte: int = byte,
             ) -> cl.Buffer:
-                """OpenCL's memory, as another program may have left it."""
+                """A buffer filled as another program might have left it."""
                 buffer = make(context, flags, size, hostbuf)
-                if flags & cl.mem_flags.READ_WRITE:  # for results; others hold what was uploaded
+                if flags & cl.mem_flags.READ_WRITE:  # a result's buffer; others hold uploaded arrays
                     cl.enqueue_fill_buffer(queue, buffer, np.uint8(byte), 0, buffer.size)
                 return buffer
 
@@ -191,7 +191,7 @@ class GivenLocalSizes(Programs):
 
 
 def test_no_kernel_waits_for_a_compiler_at_another_size(devices: list[Device], tmp_path: Path) -> None:
-    """Left to choose a local size, PoCL takes another for nearly every global one and compiles for each."""
+    """Left to choose, PoCL picks a different local size for nearly every global size and compiles each."""
     write_image(tmp_path / "map.pfm", MAPS["stiff"])
     for device in devices:
         if not device.is_gpu:
@@ -202,7 +202,7 @@ def test_no_kernel_waits_for_a_compiler_at_another_size(devices: list[Device], t
             sample_file(checked, ImageRows(tmp_path / "map.pfm"), [5])
 
 
-# Recorded once. What draws or computes others breaks every user's files.
+# Recorded once. A change that draws or computes other values breaks every user's files.
 RECORDED_SAMPLES = {
     ("stiff", "independent"): "80892b2cfbe8a091",
     ("stiff", "stratified"): "bc0f63bfef15ea89",
