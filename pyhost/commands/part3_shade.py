@@ -67,6 +67,7 @@ def main() -> None:
         for pixels in image, tone_map(image, exposure, args.gamma):
             names += cli.write_images(args, out / f"sphere_{count}", pixels)
         lines.append((f"wrote {out}/sphere_{count}{cli.formats(args)}", count, device.decisions.take()))
+    assert exposure is not None  # there is at least one set
     for line, count, decisions in reversed(lines):
         print(line)
         cli.explain(args, f"{count} samples", decisions)
