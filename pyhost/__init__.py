@@ -13,8 +13,8 @@ Data flows one way, and the folders are its path: :mod:`lightdome.maps` reads a 
 distribution of it and draws samples, :mod:`lightdome.lighting` lights a sphere with them or with the whole map, and
 :mod:`lightdome.rendering` draws the same sphere with fresh samples for every pixel. :mod:`lightdome.pbrt` lets PBRT
 draw it, :mod:`lightdome.fresnel` stands alone, :mod:`lightdome.evaluation` says how far off each is,
-:mod:`lightdome.checking` whether another program's results are right, and
-:mod:`lightdome.reference` holds what all of it is checked against.
+:mod:`lightdome.checking` whether another program's results are right, :mod:`lightdome.viewer` shows all of it in a
+browser, and :mod:`lightdome.reference` holds what all of it is checked against.
 """
 
 from __future__ import annotations
@@ -50,6 +50,7 @@ if TYPE_CHECKING:
         reference,
         rendering,
         sampling,
+        viewer,
     )
     from .checking.fresnel import check_fresnel
     from .checking.image import check_image
@@ -71,6 +72,7 @@ if TYPE_CHECKING:
     from .sampling.distribution import Distribution, build_distribution
     from .sampling.samples import Samples
     from .sampling.streaming import sample_file
+    from .viewer.notebook import view
 
 # Loaded when first used, as every module is: Fresnel needs no OpenCL, shading no image library.
 _HOME = {
@@ -105,6 +107,7 @@ _HOME = {
     "exact": "lighting.exact",
     "shade": "lighting.shade",
     "shade_samples": "lighting.shade",
+    "view": "viewer.notebook",
 }
 
 __all__ = [
@@ -136,6 +139,7 @@ __all__ = [
     "shade_samples",
     "show",
     "tone_map",
+    "view",
     "write_csv",
     "write_image",
     "write_lights",

@@ -46,6 +46,7 @@ class Command:
 COMMANDS = {
     "devices": Command("devices", "list OpenCL devices, their speed, and the one that is used"),
     "info": Command("info", "say what is in a map: clipping, sun, range, where its light comes from"),
+    "view": Command("view", "look at a map, its samples, the sphere and the error in the browser, by hand"),
     "sample": Command("part2_sample", "draw light samples from a map, and show where they fall"),
     "shade": Command("part3_shade", "shade a sphere with samples that all pixels share"),
     "render": Command("part4_pbrt", "render the sphere with fresh samples for every pixel"),
