@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import time
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,7 +48,7 @@ class Kept:
     """Arrays by key; those that were not used for longest go first, so that the rest stays below ``room`` bytes."""
 
     def __init__(self, room: int) -> None:
-        self.room, self._bytes = room, 0
+        self.room, self.bytes = room, 0
         self._arrays: OrderedDict[object, np.ndarray] = OrderedDict()
 
     def get(self, key: object) -> np.ndarray | None:
@@ -59,10 +59,10 @@ class Kept:
 
     def put(self, key: object, array: np.ndarray) -> None:
         """Keep one more."""
-        self._bytes += array.nbytes - (self._arrays[key].nbytes if key in self._arrays else 0)
+        self.bytes += array.nbytes - (self._arrays[key].nbytes if key in self._arrays else 0)
         self._arrays[key] = array
-        while self._bytes > self.room and len(self._arrays) > 1:
-            self._bytes -= self._arrays.popitem(last=False)[1].nbytes
+        while self.bytes > self.room and len(self._arrays) > 1:
+            self.bytes -= self._arrays.popitem(last=False)[1].nbytes
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ class Engine:
 
     def __init__(self, device: Device, maps: list[tuple[str, str, EnvironmentMap]]) -> None:
         self.device = device
-        self._exact = Kept(KEPT_BYTES)
+        self.exact_images = Kept(KEPT_BYTES)
         self._turned: tuple[object, Distribution] | None = None
         self._lights: tuple[object, Lights | Harmonics] | None = None
         self.scenes = [self._scene(*each) for each in maps]
@@ -142,14 +142,14 @@ class Engine:
         """The picture of a setting: a method's image, and what to compare it with, unless the page has that."""
         begin = time.perf_counter()
         image = self._image(setting)
-        reference = self._exact.get(_exact_key(setting))
+        reference = self.exact_images.get(_exact_key(setting))
         key: object = _exact_key(setting)
         if reference is None:
             key = ("stand-in", setting.map, setting.angles, setting.resolution)
-            reference = self._exact.get(key)
+            reference = self.exact_images.get(key)
         if reference is None:
             reference = self._stand_in(setting)
-            self._exact.put(key, reference)
+            self.exact_images.put(key, reference)
         header: dict[str, Any] = {
             "kind": "frame",
             "is_exact": key == _exact_key(setting),
@@ -173,18 +173,18 @@ class Engine:
         header["server_ms"] = 1e3 * (time.perf_counter() - begin)
         return packed(header, arrays)
 
-    def rest(self, setting: Setting, sent: Sent) -> Iterator[bytes | None]:
+    def rest(self, setting: Setting, sent: Sent) -> Generator[bytes | None, None, None]:
         """What follows when the hand rests, in steps that may be the last: the exact image, then the error by count.
 
         None is a step without an answer.
         """
         key = _exact_key(setting)
-        reference = self._exact.get(key)
+        reference = self.exact_images.get(key)
         if reference is None:
             for reference in self._exact_steps(setting):  # noqa: B007
                 yield None
             assert reference is not None
-            self._exact.put(key, reference)
+            self.exact_images.put(key, reference)
         if setting.pictures:
             yield self.frame(setting, sent)
         elif sent.reference != key:
@@ -323,13 +323,12 @@ class Engine:
 
     @staticmethod
     def _numbers(setting: Setting, image: np.ndarray, reference: np.ndarray) -> dict[str, float | None]:
-        truth = reference * np.float32(setting.albedo)
-        if not truth.any():
-            return {"rmse": None, "largest": float(np.abs(image - truth).max()), "brightest": 0.0}
+        truth = reference if setting.albedo == 1 else reference * np.float32(setting.albedo)
+        difference, brightest = image - truth, float(truth.max())
         return {
-            "rmse": relative_rmse(image, truth),
-            "largest": float(np.abs(image - truth).max()),
-            "brightest": float(truth.max()),
+            "rmse": relative_rmse(image, truth) if brightest > 0 else None,
+            "largest": float(max(difference.max(), -difference.min())),
+            "brightest": brightest,
         }
 
     def _marks(self, setting: Setting, lights: Lights | None) -> dict[str, np.ndarray]:

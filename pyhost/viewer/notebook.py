@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from html import escape
+from typing import TYPE_CHECKING
 
 from .. import checks
 from ..errors import LightdomeError
 from ..maps.envmap import EnvironmentMap
 from ..opencl.device import Device
+
+if TYPE_CHECKING:
+    from .server import Server
 
 MISSING = "the page needs starlette, uvicorn and websockets: pip install 'lightdome[view]'"
 
@@ -64,7 +68,7 @@ def view(
     return View(device, [(str(name), "MAP", each) for name, each in maps.items()], height)
 
 
-def server_class():  # type: ignore[no-untyped-def]
+def server_class() -> type[Server]:
     """:class:`lightdome.viewer.server.Server`; raises :class:`LightdomeError` where what it needs is not installed."""
     try:
         import starlette  # noqa: F401

@@ -14,6 +14,7 @@ import secrets
 import socket
 import tempfile
 import threading
+import traceback
 from collections.abc import Awaitable, Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -37,7 +38,7 @@ from .gate import Gate
 from .messages import packed, parse_setting
 from .reflectance import reflectance
 from .shell import commands
-from .upload import MOST_BYTES, checked
+from .upload import MOST_BYTES, Checker
 
 T = TypeVar("T")
 
@@ -95,8 +96,10 @@ class Server:
     ) -> None:
         self.token = secrets.token_urlsafe(24)
         self._compute = ThreadPoolExecutor(1, "lightdome compute")
+        self._checks = ThreadPoolExecutor(1, "lightdome check")  # they take seconds, in which pages go on
+        self._checker: Checker | None = None
         self.engine = self._compute.submit(lambda: Engine(device or open_device(), list(maps))).result()
-        self._pages = 0
+        self.pages = 0
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         listening = socket.socket(family)
         try:
@@ -148,7 +151,8 @@ class Server:
         """End the server, and wait for it."""
         self._uvicorn.should_exit = True
         self._thread.join()
-        self._compute.shutdown(cancel_futures=True)
+        for threads in self._compute, self._checks:
+            threads.shutdown(cancel_futures=True)
 
     # ---- the page's files ----
 
@@ -166,14 +170,14 @@ class Server:
         return await asyncio.get_running_loop().run_in_executor(self._compute, function, *arguments)
 
     async def _talk(self, socket: WebSocket) -> None:
-        if self._pages >= MOST_PAGES:
+        if self.pages >= MOST_PAGES:
             await socket.close(1013)
             return
-        self._pages += 1
+        self.pages += 1
         wishes = Wishes()
         try:
             await socket.accept()
-            answering = asyncio.create_task(self._answer(socket, wishes))
+            answering = asyncio.create_task(self._answers(socket, wishes))
             try:
                 while True:
                     with contextlib.suppress(ValueError, AttributeError, RecursionError):
@@ -185,7 +189,17 @@ class Server:
         except (WebSocketDisconnect, KeyError):  # KeyError: the page sent bytes
             pass
         finally:
-            self._pages -= 1
+            self.pages -= 1
+
+    async def _answers(self, socket: WebSocket, wishes: Wishes) -> None:
+        """Answer until the page is gone; a defect is told here, and ends the connection."""
+        try:
+            await self._answer(socket, wishes)
+        except (WebSocketDisconnect, asyncio.CancelledError):
+            raise
+        except Exception:
+            traceback.print_exc()
+            await socket.close(1011)
 
     async def _answer(self, socket: WebSocket, wishes: Wishes) -> None:
         """Answer wishes, the newest first; where none follows, go on with what the last picture lacks."""
@@ -205,11 +219,11 @@ class Server:
                     while not len(wishes):
                         answer = await self._run(next, steps, b"")
                         if answer == b"":
+                            after = None
                             break
                         if answer:
                             await socket.send_bytes(answer)
                     steps.close()
-                    after = None
                     continue
                 if wish["do"] == "frame":
                     after = None
@@ -242,13 +256,20 @@ class Server:
         lines, note = commands(setting, self.engine.scenes[setting.map].path)
         return packed({"kind": "command", "lines": lines, "note": note}, {})
 
+    def _checked(self, options: dict[str, str], data: bytes) -> bytes:
+        if self._checker is None:  # a device serves one thread
+            device = open_device(self.engine.device.description)
+            self._checker = Checker(device, [scene.envmap for scene in self.engine.scenes])
+        return self._checker.checked(options, data)
+
     async def _check(self, request: Request) -> Response:
         """Check an image that was dropped on the page."""
         try:
             data = await asyncio.wait_for(_body(request), UPLOAD_SECONDS)
             if data is None:
                 return JSONResponse({"error": f"a file may have {MOST_BYTES >> 20} MiB at most"}, 413)
-            answer = await self._run(checked, self.engine, dict(request.query_params), data)
+            loop = asyncio.get_running_loop()
+            answer = await loop.run_in_executor(self._checks, self._checked, dict(request.query_params), data)
         except LightdomeError as error:
             return JSONResponse({"error": str(error)}, 422)
         except (ClientDisconnect, asyncio.TimeoutError):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,9 @@ from .. import checks
 from ..checking.files import read_rendered
 from ..checking.image import ImageCheck, check_image
 from ..errors import LightdomeError
+from ..maps.envmap import EnvironmentMap
 from ..maps.images import ImageRows
-from .engine import Engine
+from ..opencl.device import Device
 from .messages import packed
 
 MOST_BYTES = 2**26  # of a file
@@ -22,20 +24,34 @@ SUFFIXES = (".pfm", ".exr", ".hdr")
 SHOWN = 512  # pixels across, of the images that go back
 
 
-def checked(engine: Engine, options: Mapping[str, str], data: bytes) -> bytes:
-    """The verdict on a file's bytes, and the images to look at; raises :class:`LightdomeError` for what is no image.
+@dataclass(frozen=True, eq=False)
+class Checker:
+    """Checks images under one of ``maps``, on a device of its own."""
 
-    ``options``: the number of the ``map``, the file's ``suffix``, ``albedo``, and ``samples`` or ``spp`` if known. The
-    file is read under a name of our own.
-    """
-    suffix = checks.choice("kind of file", options.get("suffix"), SUFFIXES)
-    number = _whole(options, "map", 0, len(engine.scenes) - 1)
-    envmap = engine.scenes[number if number is not None else 0].envmap
-    counts = {name: _whole(options, name, 1, 2**31 - 1) for name in ("samples", "spp")}
-    try:
-        albedo = float(options.get("albedo", 1))
-    except ValueError:
-        raise LightdomeError("the albedo must be a number") from None
+    device: Device
+    maps: Sequence[EnvironmentMap]
+
+    def checked(self, options: Mapping[str, str], data: bytes) -> bytes:
+        """The verdict on a file's bytes, and the images to look at; raises :class:`LightdomeError` for what is none.
+
+        ``options``: the number of the ``map``, the file's ``suffix``, ``albedo``, and ``samples`` or ``spp`` if known.
+        The file is read under a name of our own.
+        """
+        suffix = checks.choice("kind of file", options.get("suffix"), SUFFIXES)
+        envmap = self.maps[_whole(options, "map", 0, len(self.maps) - 1) or 0]
+        counts = {name: _whole(options, name, 1, 2**31 - 1) for name in ("samples", "spp")}
+        try:
+            albedo = float(options.get("albedo", 1))
+        except ValueError:
+            raise LightdomeError("the albedo must be a number") from None
+        pixels, linear = _read(suffix, data)
+        check = check_image(self.device, pixels, envmap, albedo=albedo, linear=linear, **counts)
+        self.device.decisions.take()
+        images = {"image": _small(check.image), "reference": _small(check.exact)}
+        return packed({"kind": "checked", **_told(check)}, images)
+
+
+def _read(suffix: str, data: bytes) -> tuple[np.ndarray, bool]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, f"image{suffix}")
         path.write_bytes(data)
@@ -43,12 +59,9 @@ def checked(engine: Engine, options: Mapping[str, str], data: bytes) -> bytes:
             rows = ImageRows(path)
             if rows.height * rows.width > MOST_PIXELS:
                 raise LightdomeError(f"{rows.width} x {rows.height} pixels are too many; this page takes {MOST_PIXELS}")
-            pixels, linear = read_rendered(path)
+            return read_rendered(path)
         except LightdomeError as error:
             raise LightdomeError(str(error).replace(str(path), "the file")) from None
-    check = check_image(engine.device, pixels, envmap, albedo=albedo, linear=linear, **counts)
-    engine.device.decisions.take()
-    return packed({"kind": "checked", **_told(check)}, {"image": _small(check.image), "reference": _small(check.exact)})
 
 
 def _whole(options: Mapping[str, str], name: str, low: int, high: int) -> int | None:

@@ -137,6 +137,7 @@ class Texture {
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, width, height, gl.RGB, half ? gl.HALF_FLOAT : gl.FLOAT, data);
     this.scale = scale;
+    this.array = { data, scale };
   }
 
   bind(unit) {

@@ -1,7 +1,7 @@
 // The page: controls and hands change the state; the state is asked for, one picture at a time, and drawn.
 
 import { MapView, SphereView } from "./draw.js";
-import { logLog, paretoFront, percent, short } from "./plots.js";
+import { logLog, paretoFront, percent, short, thousands } from "./plots.js";
 import {
   about, aboutVector, angles, COUNTS, fitting, fromSlider, INITIAL, LIMITS, readAddress, rotation, SEQUENCE_NAMES,
   SEQUENCES, times, toAddress, toSlider,
@@ -14,15 +14,27 @@ const TABS = ["light", "fresnel", "check"];
 const FORMATS = { csv: "CSV", json: "JSON", pbrt: "PBRT", mitsuba: "Mitsuba", gltf: "glTF", usda: "USD", blender: "Blender" };
 const TYPES = { float16: Uint16Array, float32: Float32Array, int32: Int32Array, uint8: Uint8Array };
 const MOST_POINTS = 500;
+const PATIENCE = 120; // milliseconds that the map waits for its sphere
 
 let mapView = null, sphereView = null;
 const maps = new Map(); // headers of answers, by number
 let hasPictures = false; // from the server, where there is no WebGL
+let shownTurn = rotation(state); // of the map; that of the sphere beside it
 let numbers = { brightest: 0 };
 let points = [], followed = null, now = null;
-// For whoever measures: what the last frames took, in milliseconds.
+// For measurements: what the last frames took, in milliseconds;
 const frames = [];
-globalThis.lightdomeView = { state, frames, get points() { return points; }, get numbers() { return numbers; } };
+// and tests: what is shown, and whether it is all that this state shows.
+globalThis.lightdomeView = {
+  state, frames, turn, front: () => paretoFront(points),
+  get points() { return points; },
+  get numbers() { return numbers; },
+  get exposures() { return maps.get(state.map)?.exposures; },
+  get images() { return { image: sphereView.image.array, reference: sphereView.reference.array }; },
+  get isSettled() {
+    return !inFlight && !isWaiting && !isMoving && !isDrawing && numbers.is_exact === true && maps.has(state.map);
+  },
+};
 
 // ---- talking with the server ----
 
@@ -75,7 +87,11 @@ function changed(moving, since = performance.now()) {
   if (!isWaiting) movedAt = since;
   isWaiting = true;
   ask();
-  redraw();
+  // The map waits for its sphere, unless that takes long.
+  if (performance.now() - Math.max(drawnAt, inFlight?.asked ?? 0) > PATIENCE) {
+    shownTurn = rotation(state);
+    redraw();
+  }
   remember();
 }
 
@@ -128,6 +144,7 @@ function hello({ maps: names, device }) {
   if (state.map >= names.length) {
     state.map = 0;
     say({ do: "map", map: 0 });
+    changed(false);
   }
   $("map").value = state.map;
   $("about").textContent = `Computed on ${device}.`;
@@ -153,6 +170,7 @@ function takeFrame(header, arrays, flight) {
     }
   }
   now = { setting: flight.setting, flight };
+  shownTurn = rotation(flight.setting);
   takeNumbers(header, header.is_exact, flight.setting);
   redraw(() => {
     flight.drawn = performance.now();
@@ -178,15 +196,15 @@ function takeNumbers(header, isExact, setting) {
 
 const methodName = ({ method, sequence, count }) => {
   const name = $("method").querySelector(`[value="${method}"]`).textContent;
-  if (method === "shared") return `${SEQUENCE_NAMES[sequence].split(" (")[0]}, ${count} samples`;
+  if (method === "shared") return `${SEQUENCE_NAMES[sequence]}, ${count} samples`;
   if (method === "harmonics") return `Harmonics up to degree ${count}`;
   if (method === "median-cut") return `Median cut, ${count} lights`;
-  return `${name}, ${SEQUENCE_NAMES[sequence].split(" (")[0]}, ${count} spp`;
+  return `${name}, ${SEQUENCE_NAMES[sequence]}, ${count} spp`;
 };
 
 // ---- drawing ----
 
-let isDrawing = false;
+let isDrawing = false, drawnAt = 0, mustShow = false;
 let afterDrawing = [];
 
 function redraw(then = null) {
@@ -195,6 +213,9 @@ function redraw(then = null) {
   isDrawing = true;
   requestAnimationFrame(() => {
     isDrawing = false;
+    drawnAt = performance.now();
+    if (mustShow) for (const show of shows) show();
+    mustShow = false;
     if (!hasPictures && state.tab === "light" && maps.has(state.map)) draw();
     for (const done of afterDrawing.splice(0)) done();
   });
@@ -207,7 +228,7 @@ const neutral = () => (isDark.matches ? [0.16, 0.16, 0.16] : [0.93, 0.93, 0.93])
 function draw() {
   const [ofMap, ofSphere] = maps.get(state.map).exposures;
   const tone = { gamma: state.gamma, soft: state.tone === "soft" };
-  mapView.draw(rotation(state), { ...tone, exposure: ofMap * stops() }, state.marks);
+  mapView.draw(shownTurn, { ...tone, exposure: ofMap * stops() }, state.marks);
   const difference = (state.difference / 100) * (numbers.brightest || 1);
   sphereView.draw({
     wipe: state.wipe / 100, difference, albedo: now?.setting.albedo ?? state.albedo, neutral: neutral(),
@@ -246,9 +267,9 @@ function plotFollowed() {
   const label = COUNTS[followed.method].label.toLowerCase();
   $("error-count-title").textContent = `Error against ${followed.method === "harmonics" ? "the degree" : label}`;
   const along = followed.counts.map((x, n) => ({ x, y: followed.rmse[n], label: `${x}: ${percent(followed.rmse[n])}` }));
-  logLog($("error-count"), [{ points: along, kind: "line" }], { x: label, y: "relative RMSE", formatX: String });
+  logLog($("error-count"), [{ points: along, kind: "line" }], { x: label, y: "relative RMSE", formatX: thousands });
   const { slope } = followed;
-  $("slope").textContent = slope === null ? "" : `Slope ${slope.toFixed(2)}: ${Math.round(100 * (1 - 2 ** slope))} % less error for twice as many. Independent points have −0.50.`;
+  $("slope").textContent = slope === null ? "" : `Slope ${slope.toFixed(2).replace("-", "−")}: twice as many, ${Math.round(100 * (1 - 2 ** slope))} % less error. Independent points have −0.50.`;
 }
 
 // ---- controls ----
@@ -351,8 +372,8 @@ function nextSeed() {
 
 function turn(by, moving, since) {
   Object.assign(state, by);
-  for (const show of shows) show();
   changed(moving, since);
+  mustShow = true; // with the next picture
 }
 
 let remembering = null;
@@ -403,7 +424,7 @@ function buildHands() {
     from.tilts ||= Math.abs(to.y - from.y) > 8 && Math.abs(to.y - from.y) > 0.5 * Math.abs(to.x - from.x);
     if (!from.tilts) return yaw;
     const axis = [Math.sin(phi(to.x)), 0, -Math.cos(phi(to.x))];
-    return times(aboutVector(axis, theta(from.y) - theta(to.y)), yaw);
+    return times(aboutVector(axis, theta(to.y) - theta(from.y)), yaw);
   });
   for (const view of [sphere, map]) {
     view.addEventListener("keydown", (event) => {

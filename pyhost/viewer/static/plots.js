@@ -23,9 +23,11 @@ export function paretoFront(points) {
 export function short(value) {
   if (value === 0) return "0";
   const size = Math.abs(value);
-  if (size >= 1e5 || size < 1e-3) return value.toExponential(1).replace("e+", "e");
+  if (size >= 1e5 || size < 1e-4) return value.toExponential(1).replace("e+", "e").replace("-", "−");
   return String(Number(value.toPrecision(3)));
 }
+
+export const thousands = (count) => (count >= 1000 ? `${count / 1000}k` : String(count));
 
 export const percent = (share) => (share === 0 ? "0 %" : share < 1e-6 ? `${short(100 * share)} %` : `${Number((100 * share).toPrecision(3))} %`);
 
@@ -84,7 +86,7 @@ export function reflectances(svg, curves, lines) {
   svg.replaceChildren();
   const width = svg.clientWidth || 420, height = Math.round(Math.min(380, Math.max(240, 0.62 * width)));
   svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
-  const [left, right, top, bottom] = [42, width - 12, 30, height - 40];
+  const [left, right, top, bottom] = [42, width - 12, 36, height - 40];
   const px = (degrees) => left + (degrees / 90) * (right - left), py = (value) => bottom - value * (bottom - top);
   for (let degrees = 0; degrees <= 90; degrees += 15) {
     element(svg, "line", { x1: px(degrees), x2: px(degrees), y1: top, y2: bottom, class: "grid" });
@@ -99,7 +101,7 @@ export function reflectances(svg, curves, lines) {
   for (const { degrees, label, row } of lines) {
     element(svg, "line", { x1: px(degrees), x2: px(degrees), y1: top, y2: bottom, class: "special" });
     const end = px(degrees) > (left + right) / 2 ? "end" : "start";
-    element(svg, "text", { x: px(degrees), y: top - 4 - 13 * row, "text-anchor": end, class: "note" }, label);
+    element(svg, "text", { x: px(degrees), y: top - 5 - 15 * row, "text-anchor": end, class: "note" }, label);
   }
   for (const [name, { degrees, values }] of Object.entries(curves)) {
     const path = degrees.map((x, n) => `${n ? "L" : "M"}${px(x).toFixed(2)} ${py(values[n]).toFixed(2)}`).join("");

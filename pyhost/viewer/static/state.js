@@ -10,7 +10,7 @@ export const SEQUENCES = {
   product: ["sobol", "lattice", "independent"],
 };
 export const SEQUENCE_NAMES = {
-  sobol: "Sobol (Owen-scrambled)",
+  sobol: "Sobol",
   lattice: "Lattice",
   r2: "R2 lattice",
   stratified: "Stratified",
