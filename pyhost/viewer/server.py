@@ -124,6 +124,7 @@ class Server:
             lifespan="off",
             access_log=False,
             server_header=False,
+            ws="websockets-sansio",
             ws_max_size=MESSAGE_BYTES,
             ws_max_queue=4,
             ws_per_message_deflate=False,  # floats do not deflate, and it takes longer than all else
