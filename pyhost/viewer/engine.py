@@ -35,6 +35,9 @@ from .messages import CUT, HARMONICS, SHARED, Setting, halved, packed
 from .pictures import pictures_of
 
 STAND_IN = 12  # degree of the harmonics that stand in for the exact image
+# Turns that bring +z, -z, +x, -x, +y and -y to the front: a page looks up a stand-in for any turn in these six images.
+SIX_TURNS = ((0, 0), (180, 0), (-90, 0), (90, 0), (0, 90), (0, -90))
+SIX_RESOLUTION = 127
 KEPT_BYTES = 2**26  # of exact images
 LIGHTS_AT_ONCE = 2**16  # pixels of a map, as lights, between two looks at what else is to be done
 SHOWN_WIDTH = 2048  # of a map on a page
@@ -87,6 +90,7 @@ class Sent:
     lights: object = None
     reference: object = None
     followed: object = None
+    is_exact: bool = False  # the last picture was compared with the exact image
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,40 +140,39 @@ class Engine:
             "exposures": scene.exposures,
             "notes": [note for note in (*envmap.notes, envmap.shape_note) if note],
         }
-        return packed(header, {"map": halved(shown)})
+        turned = (scene.harmonics.rotated(*angles) for angles in SIX_TURNS)
+        six = [np.maximum(shade_harmonics(self.device, each, SIX_RESOLUTION), 0) for each in turned]
+        return packed(header, {"map": halved(shown), "six": halved(np.concatenate(six, axis=1))})
 
     def frame(self, setting: Setting, sent: Sent) -> bytes:
         """The picture of a setting: a method's image, and what to compare it with, unless the page has that."""
         begin = time.perf_counter()
         image = self._image(setting)
-        reference = self.exact_images.get(_exact_key(setting))
-        key: object = _exact_key(setting)
-        if reference is None:
-            key = ("stand-in", setting.map, setting.angles, setting.resolution)
-            reference = self.exact_images.get(key)
-        if reference is None:
-            reference = self._stand_in(setting)
-            self.exact_images.put(key, reference)
+        key = _exact_key(setting)
+        exact_image = self.exact_images.get(key)
+        reference = self._stand_in(setting) if exact_image is None else exact_image
+        sent.is_exact = exact_image is not None
         header: dict[str, Any] = {
             "kind": "frame",
-            "is_exact": key == _exact_key(setting),
+            "is_exact": sent.is_exact,
             "numbers": self._numbers(setting, image.pixels, reference),
             "method_ms": 1e3 * image.seconds,
             "device_ms": 1e3 * image.device_seconds,
         }
         arrays: dict[str, Any] = {}
         if setting.pictures:
-            exact_image = reference * np.float32(setting.albedo)
             scene = self.scenes[setting.map]
-            arrays = pictures_of(scene.envmap, scene.exposures, setting, image.pixels, exact_image, image.lights)
+            truth = reference * np.float32(setting.albedo)
+            arrays = pictures_of(scene.envmap, scene.exposures, setting, image.pixels, truth, image.lights)
         else:
             arrays["image"] = halved(image.pixels) if setting.is_moving else image.pixels
-            if key != sent.reference:
-                arrays["reference"] = halved(reference) if key != _exact_key(setting) else reference
+            if exact_image is not None and key != sent.reference:
+                arrays["reference"] = exact_image
+                sent.reference = key
             lights_key = (setting.map, setting.method, setting.sequence, setting.count, setting.seed)
             if lights_key != sent.lights:
                 arrays |= self._marks(setting, image.lights)
-            sent.lights, sent.reference = lights_key, key
+            sent.lights = lights_key
         header["server_ms"] = 1e3 * (time.perf_counter() - begin)
         return packed(header, arrays)
 
@@ -185,9 +188,9 @@ class Engine:
                 yield None
             assert reference is not None
             self.exact_images.put(key, reference)
-        if setting.pictures:
+        if setting.pictures and not sent.is_exact:
             yield self.frame(setting, sent)
-        elif sent.reference != key:
+        elif not sent.is_exact:
             image = self._image(setting)
             header = {
                 "kind": "exact",
@@ -195,7 +198,7 @@ class Engine:
                 "method_ms": 1e3 * image.seconds,
                 "device_ms": 1e3 * image.device_seconds,
             }
-            sent.reference = key
+            sent.reference, sent.is_exact = key, True
             yield packed(header, {"reference": reference})
         followed = (key, setting.method, setting.sequence, setting.seed)
         if sent.followed != followed:

@@ -368,6 +368,28 @@ def test_the_wipe_shows_the_exact_image_on_the_right(open_page: Open) -> None:
     np.testing.assert_allclose(both[:, right], both[:, start + side // 2 + 3 : start + side], atol=1)
 
 
+def test_what_stands_in_for_the_exact_image_while_the_hand_moves_looks_like_it(open_page: Open) -> None:
+    page = open_page(resolution=255)
+    page.evaluate("lightdomeView.turn({ yaw: 130, pitch: -50, roll: 20 }, true)")
+    until(page, "lightdomeView.frames.at(-1).setting.yaw === 130 && lightdomeView.frames.at(-1).drawn > 0")
+    assert page.evaluate("lightdomeView.numbers.is_exact") is False
+    moving = pixels_of(page, "sphere-canvas").astype(int)
+    page.evaluate("lightdomeView.turn({ yaw: 130, pitch: -50, roll: 20 }, false)")
+    settled(page)
+    page.wait_for_timeout(100)
+    resting = pixels_of(page, "sphere-canvas").astype(int)
+    exact_one = slice(moving.shape[1] // 3 + 10, 2 * moving.shape[1] // 3 - 10)
+    assert resting[:, exact_one].std() > 20
+    assert np.abs(moving - resting)[:, exact_one].mean() < 2
+
+
+def test_two_pages_at_once_both_get_the_exact_image(open_page: Open) -> None:
+    pages = [open_page(yaw=12, resolution=95) for _ in range(2)]
+    for page in pages:
+        page.evaluate("lightdomeView.turn({ yaw: 34 }, false)")
+    assert rmse(pages[0]) == rmse(pages[1])
+
+
 def test_points_are_collected_with_their_pareto_front(open_page: Open) -> None:
     page = open_page()
     for _ in range(3):

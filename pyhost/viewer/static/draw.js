@@ -66,10 +66,24 @@ uniform sampler2D image, reference;
 uniform float image_scale, reference_scale, wipe, difference, pixels;
 uniform int kind;  // 0 the image, wiped with the exact one; 1 the exact one; 2 their difference
 uniform vec3 neutral;
+uniform bool turned;  // the reference is six images, which show the sphere from all sides, and is to be turned
+uniform mat3 back;
 out vec4 colour;
+// The six images lie side by side, each of the sphere with +z, -z, +x, -x, +y or -y in front.
+vec2 in_six(vec3 d) {
+  vec3 size = abs(d), n = vec3(d.x, d.y, 0.0);
+  if (size.z >= size.x && size.z >= size.y) { if (d.z < 0.0) n = vec3(-d.x, d.y, 1.0); }
+  else if (size.x >= size.y) n = d.x > 0.0 ? vec3(-d.z, d.y, 2.0) : vec3(d.z, d.y, 3.0);
+  else n = d.y > 0.0 ? vec3(d.x, -d.z, 4.0) : vec3(d.x, d.z, 5.0);
+  return vec2((n.z + 0.5 + 0.5 * n.x) / 6.0, 0.5 - 0.5 * n.y);
+}
 void main() {
   vec2 at = vec2(uv.x, 1.0 - uv.y);
-  vec3 a = texture(image, at).rgb * image_scale, b = texture(reference, at).rgb * reference_scale;
+  vec3 a = texture(image, at).rgb * image_scale, b;
+  if (turned) {
+    vec2 n = 2.0 * uv - 1.0;
+    b = texture(reference, in_six(back * vec3(n, sqrt(max(0.0, 1.0 - dot(n, n)))))).rgb * reference_scale;
+  } else b = texture(reference, at).rgb * reference_scale;
   vec3 c;
   if (kind == 2) {
     float d = clamp(dot(a - b, vec3(1.0 / 3.0)) / difference, -1.0, 1.0);
@@ -254,6 +268,7 @@ export class SphereView {
     Object.assign(this, { canvas, gl });
     this.image = new Texture(gl, gl.CLAMP_TO_EDGE);
     this.reference = new Texture(gl, gl.CLAMP_TO_EDGE);
+    this.six = new Texture(gl, gl.CLAMP_TO_EDGE);
     this.forSphere = program(gl, SQUARE, SPHERE);
     this.empty = gl.createVertexArray();
   }
@@ -269,7 +284,8 @@ export class SphereView {
     return [[0, height - width, width], [0, 0, small], [width - small, 0, small]];
   }
 
-  draw({ wipe, difference, albedo, neutral, tone }) {
+  /** `turn` is the rotation of a stand-in for the exact image; null for the exact image itself. */
+  draw({ wipe, difference, albedo, neutral, tone, turn = null }) {
     const { gl, canvas, forSphere } = this;
     fit(canvas);
     gl.viewport(0, 0, canvas.width, canvas.height);
@@ -277,12 +293,15 @@ export class SphereView {
     gl.clear(gl.COLOR_BUFFER_BIT);
     gl.bindVertexArray(this.empty);
     forSphere.use();
+    const reference = turn ? this.six : this.reference;
     this.image.bind(0);
-    this.reference.bind(1);
+    reference.bind(1);
+    gl.uniform1i(forSphere.at("turned"), turn ? 1 : 0);
+    if (turn) gl.uniformMatrix3fv(forSphere.at("back"), true, transposed(turn).flat());
     gl.uniform1i(forSphere.at("image"), 0);
     gl.uniform1i(forSphere.at("reference"), 1);
     gl.uniform1f(forSphere.at("image_scale"), this.image.scale);
-    gl.uniform1f(forSphere.at("reference_scale"), this.reference.scale * albedo);
+    gl.uniform1f(forSphere.at("reference_scale"), reference.scale * albedo);
     gl.uniform1f(forSphere.at("wipe"), wipe);
     gl.uniform1f(forSphere.at("difference"), difference);
     gl.uniform3fv(forSphere.at("neutral"), neutral);

@@ -60,7 +60,7 @@ function connect() {
     tries = 0;
     inFlight = null;
     banner("");
-    if (!maps.has(state.map)) say({ do: "map", map: state.map });
+    say({ do: "map", map: state.map });
     say({ do: "fresnel", eta: state.eta });
     changed(false);
   };
@@ -109,6 +109,7 @@ function hear({ header, arrays }) {
     maps.set(header.map, header);
     if (header.map !== state.map) return;
     mapView?.map.put(arrays.map);
+    sphereView?.six.put(arrays.six);
     $("map-name").textContent = `${header.name}, ${header.width} × ${header.height}, radiance up to ${short(header.peak)}`;
     redraw();
   } else if (kind === "frame") {
@@ -232,7 +233,7 @@ function draw() {
   const difference = (state.difference / 100) * (numbers.brightest || 1);
   sphereView.draw({
     wipe: state.wipe / 100, difference, albedo: now?.setting.albedo ?? state.albedo, neutral: neutral(),
-    tone: { ...tone, exposure: ofSphere * stops() },
+    tone: { ...tone, exposure: ofSphere * stops() }, turn: numbers.is_exact ? null : shownTurn,
   });
   $("scale-low").textContent = `−${short(difference)}`;
   $("scale-high").textContent = `+${short(difference)}`;
@@ -522,10 +523,11 @@ function buildTabs() {
   });
   document.addEventListener("open-tab", (event) => openTab(event.detail));
   addEventListener("hashchange", () => {
+    const before = state.map;
     Object.assign(state, readAddress(location.hash));
     showControls();
     openTab(state.tab);
-    if (!maps.has(state.map)) say({ do: "map", map: state.map });
+    if (state.map !== before) say({ do: "map", map: state.map });
     changed(false);
   });
   new ResizeObserver(() => { redraw(); plotTried(); plotFollowed(); check.draw(); }).observe(document.body);
