@@ -27,8 +27,7 @@ void main() {
   colour = vec4(shown(textureLod(map, at, 0.0).rgb * scale), 1.0);
   if (outlined) {
     float edge = textureLod(outlines, at, 0.0).r;
-    if (edge > 0.75) colour.rgb = vec3(1.0);
-    else if (edge > 0.25) colour.rgb = vec3(0.0);
+    colour.rgb = mix(mix(colour.rgb, vec3(0.0), smoothstep(0.1, 0.4, edge)), vec3(1.0), smoothstep(0.6, 0.9, edge));
   }
 }`;
 
@@ -78,7 +77,9 @@ vec2 in_six(vec3 d) {
   return vec2((n.z + 0.5 + 0.5 * n.x) / 6.0, 0.5 - 0.5 * n.y);
 }
 void main() {
-  vec2 at = vec2(uv.x, 1.0 - uv.y);
+  vec2 middle = uv - 0.5, pixel = 1.0 / vec2(textureSize(image, 0));  // beyond the rim is black: stay inside it
+  middle *= min(1.0, (0.5 - 1.5 * pixel.x) / max(length(middle), 1e-6));
+  vec2 at = vec2(0.5 + middle.x, 0.5 - middle.y);
   vec3 a = texture(image, at).rgb * image_scale, b;
   if (turned) {
     vec2 n = 2.0 * uv - 1.0;
@@ -214,7 +215,7 @@ export class MapView {
         lines[at] = Math.max(lines[at], value);
       }
     };
-    for (const [value, side] of [[128, [-2, -1, 0, 1]], [255, [-1, 0]]]) for (let n = 0; n < regions.length; n += 4) {
+    for (const [value, side] of [[128, [-4, -3, -2, -1, 0, 1, 2, 3]], [255, [-2, -1, 0, 1]]]) for (let n = 0; n < regions.length; n += 4) {
       const x0 = Math.round((regions[n] * W) / width), y0 = Math.round((regions[n + 1] * H) / height);
       const x1 = Math.round((regions[n + 2] * W) / width), y1 = Math.round((regions[n + 3] * H) / height);
       line(x0, x1, y0, true, value, side);

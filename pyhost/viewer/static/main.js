@@ -1,7 +1,7 @@
 // The page: controls and hands change the state; the state is asked for, one picture at a time, and drawn.
 
 import { MapView, SphereView } from "./draw.js";
-import { logLog, paretoFront, percent, short, thousands } from "./plots.js";
+import { ends, logLog, paretoFront, percent, short, thousands } from "./plots.js";
 import {
   about, aboutVector, angles, COUNTS, fitting, fromSlider, INITIAL, LIMITS, readAddress, rotation, SEQUENCE_NAMES,
   SEQUENCES, times, toAddress, toSlider,
@@ -127,7 +127,7 @@ function hear({ header, arrays }) {
   } else if (kind === "fresnel") showFresnel(header);
   else if (kind === "command") {
     $("command").value = header.lines.join("\n");
-    $("command").rows = Math.max(2, header.lines.length + 1);
+    $("command").rows = 3 * header.lines.length;
     $("command-note").textContent = header.note;
   } else if (kind === "saved") download(header.name, new Blob([header.text], { type: "text/plain" }));
   else if (kind === "error") {
@@ -235,8 +235,7 @@ function draw() {
     wipe: state.wipe / 100, difference, albedo: now?.setting.albedo ?? state.albedo, neutral: neutral(),
     tone: { ...tone, exposure: ofSphere * stops() }, turn: numbers.is_exact ? null : shownTurn,
   });
-  $("scale-low").textContent = `−${short(difference)}`;
-  $("scale-high").textContent = `+${short(difference)}`;
+  [$("scale-low").textContent, $("scale-high").textContent] = ends(difference);
 }
 
 // ---- numbers ----

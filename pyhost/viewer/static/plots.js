@@ -27,6 +27,9 @@ export function short(value) {
   return String(Number(value.toPrecision(3)));
 }
 
+/** Both ends of a scale around 0. */
+export const ends = (value) => ["−", "+"].map((sign) => sign + short(Number(value.toPrecision(2))));
+
 export const thousands = (count) => (count >= 1000 ? `${count / 1000}k` : String(count));
 
 export const percent = (share) => (share === 0 ? "0 %" : share < 1e-6 ? `${short(100 * share)} %` : `${Number((100 * share).toPrecision(3))} %`);

@@ -1,7 +1,7 @@
 // The pages on Fresnel reflectance and on checking an image.
 
 import { SphereView } from "./draw.js";
-import { percent, reflectances, short } from "./plots.js";
+import { ends, percent, reflectances, short } from "./plots.js";
 
 const $ = (id) => document.getElementById(id);
 
@@ -113,12 +113,12 @@ export class CheckPage {
     }
     if (header.deviations !== null) rows.push(["Off by", `${header.deviations.toFixed(1)} standard deviations`]);
     const rgb = (values, show) => `red ${show(values[0])}, green ${show(values[1])}, blue ${show(values[2])}`;
-    rows.push(["Bias by channel", rgb(header.bias_relative_rgb, (v) => `${v > 0 ? "+" : ""}${(100 * v).toFixed(2)} %`)]);
+    rows.push(["Bias by channel", rgb(header.bias_relative_rgb, signed)]);
     rows.push(["Factors by channel", rgb(header.factor_rgb, short)]);
     if (header.orientation) rows.push(["Orientation", header.orientation]);
     const [x, y] = header.largest_error_at_pixel;
     rows.push(["Largest error", `${short(header.largest_error_radiance)} radiance, at x = ${x}, y = ${y}`]);
-    const parts = [heading(sign + header.verdict), paragraph(`${name}, ${header.file_width} × ${header.file_height} pixels`)];
+    const parts = [heading(sign + capital(header.verdict)), paragraph(`${name}, ${header.file_width} × ${header.file_height} pixels`)];
     if (header.cause_told) parts.push(paragraph(`Seen: ${header.cause_told.seen}`), paragraph(`Where: ${header.cause_told.where}`));
     const table = document.createElement("table");
     fill(table, rows, false);
@@ -142,12 +142,14 @@ export class CheckPage {
     if (!this.view || $("check-pictures").hidden) return;
     const look = this.look();
     const difference = (look.percent / 100) * (this.brightest || 1);
-    $("check-low").textContent = `−${short(difference)}`;
-    $("check-high").textContent = `+${short(difference)}`;
+    [$("check-low").textContent, $("check-high").textContent] = ends(difference);
     const tone = { ...look.tone, exposure: this.exposure * look.stops };
     this.view.draw({ wipe: $("check-wipe").value / 100, difference, albedo: 1, neutral: look.neutral, tone });
   }
 }
+
+const signed = (share) => `${share < 0 ? "−" : "+"}${Math.abs(100 * share).toFixed(2)} %`;
+const capital = (text) => text[0].toUpperCase() + text.slice(1);
 
 function heading(text) {
   const made = document.createElement("h2");
