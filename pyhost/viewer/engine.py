@@ -31,8 +31,8 @@ from ..maps.rotation import rotation_matrix
 from ..opencl.device import Device
 from ..rendering.per_pixel import render
 from ..sampling.distribution import Distribution, build_distribution
+from .fallback import pictures_of
 from .messages import CUT, HARMONICS, SHARED, Setting, halved, packed
-from .pictures import pictures_of
 
 STAND_IN = 12  # degree of the harmonics that stand in for the exact image
 # Turns that bring +z, -z, +x, -x, +y and -y to the front: a page looks up a stand-in for any turn in these six images.

@@ -9,12 +9,12 @@ from ..maps.envmap import EnvironmentMap
 from ..maps.geometry import column_angles, directions, row_angles
 from ..maps.images import tone_map
 from ..maps.markers import mark_pixels
-from ..maps.pictures import BLUE, Picture
+from ..maps.pictures import Picture
 from ..maps.rotation import rotation_matrix
 from .messages import Setting
 
 WIDTH = 768  # of the map
-MARK = 5  # pixels
+MARK, BLUE = 5, (0, 114, 178)  # of a mark: pixels, and colour
 # Colours of a difference of -1, 0 and +1, as in the page's shader.
 TOO_DARK, RIGHT, TOO_BRIGHT = (np.array(c) for c in ((0.0, 0.447, 0.698), (0.93, 0.93, 0.93), (0.835, 0.369, 0.0)))
 
