@@ -111,18 +111,20 @@ function program(gl, vertex, fragment) {
 
 function context(canvas) {
   const gl = canvas.getContext("webgl2", { antialias: false, alpha: true, preserveDrawingBuffer: true, powerPreference: "high-performance" });
-  if (gl) gl.smooth = gl.getExtension("OES_texture_float_linear") !== null;
+  if (!gl) return null;
+  gl.smooth = gl.getExtension("OES_texture_float_linear") !== null;
+  const { UNMASKED_RENDERER_WEBGL: name = gl.RENDERER } = gl.getExtension("WEBGL_debug_renderer_info") ?? {};
+  gl.inSoftware = /swiftshader|llvmpipe|software|basic render/i.test(gl.getParameter(name));
   return gl;
 }
 
-/** Gives a canvas as many pixels as it has on the screen; whether that changed. */
-export function fit(canvas) {
-  const ratio = Math.min(2, window.devicePixelRatio || 1);
+/** Gives a canvas as many pixels as it has on the screen, or a share of them across. */
+function fit(canvas, share = 1) {
+  const ratio = share * Math.min(2, window.devicePixelRatio || 1);
   const width = Math.max(1, Math.round(canvas.clientWidth * ratio)), height = Math.max(1, Math.round(canvas.clientHeight * ratio));
-  if (canvas.width === width && canvas.height === height) return false;
+  if (canvas.width === width && canvas.height === height) return;
   canvas.width = width;
   canvas.height = height;
-  return true;
 }
 
 /** A texture that arrays of an answer go into: { shape, type, data, scale }. */
@@ -230,9 +232,10 @@ export class MapView {
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.REPEAT);
   }
 
-  draw(matrix, tone, showMarks) {
+  /** A map that moves is drawn coarser where no GPU draws: that takes longer than the sphere's light. */
+  draw(matrix, tone, showMarks, isMoving) {
     const { gl, canvas } = this;
-    fit(canvas);
+    fit(canvas, isMoving && gl.inSoftware ? 0.6 : 1);
     gl.viewport(0, 0, canvas.width, canvas.height);
     gl.disable(gl.BLEND);
     gl.bindVertexArray(this.empty);

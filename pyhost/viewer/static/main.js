@@ -14,6 +14,7 @@ const TABS = ["light", "fresnel", "check"];
 const FORMATS = { csv: "CSV", json: "JSON", pbrt: "PBRT", mitsuba: "Mitsuba", gltf: "glTF", usda: "USD", blender: "Blender" };
 const TYPES = { float16: Uint16Array, float32: Float32Array, int32: Int32Array, uint8: Uint8Array };
 const MOST_POINTS = 500;
+const TELLING = 120; // milliseconds between two changes of the numbers while the hand moves
 const PATIENCE = 120; // milliseconds that the map waits for its sphere
 
 let mapView = null, sphereView = null;
@@ -177,21 +178,27 @@ function takeFrame(header, arrays, flight) {
     flight.drawn = performance.now();
     frames.push(flight);
     if (frames.length > 1024) frames.shift();
-    $("whole-ms").textContent = `${(flight.drawn - flight.moved).toFixed(0)} ms`;
   });
 }
 
 function takeNumbers(header, isExact, setting) {
-  const { rmse, largest, brightest } = header.numbers;
+  const { rmse } = header.numbers;
   numbers = { ...header.numbers, is_exact: isExact };
+  if (isExact && rmse > 0 && setting) addPoint(setting, header.method_ms, rmse);
+  mustTell = () => tellNumbers(header, isExact, setting);
+}
+
+function tellNumbers(header, isExact, setting) {
+  const { rmse, largest, brightest } = header.numbers;
   $("rmse").textContent = rmse === null ? "–" : `${isExact ? "" : "≈ "}${percent(rmse)}`;
   $("largest").textContent = `${isExact ? "" : "≈ "}${short(largest)} radiance`;
   $("device-ms").textContent = `${header.device_ms.toFixed(1)} ms`;
+  const flight = frames[frames.length - 1];
+  if (flight) $("whole-ms").textContent = `${(flight.drawn - flight.moved).toFixed(0)} ms`;
   $("method-ms").textContent = `${header.method_ms.toFixed(1)} ms`;
   $("numbers-note").textContent = isExact ? "Against the exact image." : "Against a quick stand-in for the exact image, until the hand rests.";
   $("exact-state").textContent = isExact ? "" : "stand-in while moving";
   $("method-name").textContent = methodName(setting ?? state);
-  if (isExact && rmse > 0 && setting) addPoint(setting, header.method_ms, rmse);
   if (brightest === 0) $("numbers-note").textContent = "The image is black.";
 }
 
@@ -215,11 +222,21 @@ function redraw(then = null) {
   requestAnimationFrame(() => {
     isDrawing = false;
     drawnAt = performance.now();
-    if (mustShow) for (const show of shows) show();
-    mustShow = false;
     if (!hasPictures && state.tab === "light" && maps.has(state.map)) draw();
     for (const done of afterDrawing.splice(0)) done();
+    if (!isMoving || drawnAt - toldAt > TELLING) tell();
   });
+}
+
+let mustTell = null, toldAt = 0;
+
+/** Bring controls and numbers up to date: while the hand moves not for every picture, since nobody reads that fast. */
+function tell() {
+  toldAt = performance.now();
+  if (mustShow) for (const show of shows) show();
+  mustShow = false;
+  mustTell?.();
+  mustTell = null;
 }
 
 const stops = () => 2 ** state.ev;
@@ -229,13 +246,14 @@ const neutral = () => (isDark.matches ? [0.16, 0.16, 0.16] : [0.93, 0.93, 0.93])
 function draw() {
   const [ofMap, ofSphere] = maps.get(state.map).exposures;
   const tone = { gamma: state.gamma, soft: state.tone === "soft" };
-  mapView.draw(shownTurn, { ...tone, exposure: ofMap * stops() }, state.marks);
+  mapView.draw(shownTurn, { ...tone, exposure: ofMap * stops() }, state.marks, isMoving);
   const difference = (state.difference / 100) * (numbers.brightest || 1);
   sphereView.draw({
     wipe: state.wipe / 100, difference, albedo: now?.setting.albedo ?? state.albedo, neutral: neutral(),
     tone: { ...tone, exposure: ofSphere * stops() }, turn: numbers.is_exact ? null : shownTurn,
   });
-  [$("scale-low").textContent, $("scale-high").textContent] = ends(difference);
+  const [low, high] = ends(difference);
+  if ($("scale-low").textContent !== low) [$("scale-low").textContent, $("scale-high").textContent] = [low, high];
 }
 
 // ---- numbers ----
