@@ -29,13 +29,13 @@ def pictures_of(
 ) -> dict[str, np.ndarray]:
     """PNG files, as bytes in uint8 arrays: the turned map with its marks, the image, the exact one, the difference."""
     assert setting.pictures is not None
-    exposure, gamma = setting.pictures
-    brightest = float(exact.max())
+    exposure, gamma, percent = setting.pictures
+    most = percent / 100 * float(exact.max())
     made = {
         "map": _map(envmap, exposures[0] * exposure, gamma, setting.angles, lights),
         "image": tone_map(np.maximum(image, 0), exposures[1] * exposure, gamma),
         "reference": tone_map(exact, exposures[1] * exposure, gamma),
-        "difference": false_colour((image - exact).mean(axis=2) / (0.1 * brightest if brightest > 0 else 1)),
+        "difference": false_colour((image - exact).mean(axis=2) / (most if most > 0 else 1)),
     }
     return {name: np.frombuffer(Picture(pixels)._repr_png_(), np.uint8) for name, pixels in made.items()}
 

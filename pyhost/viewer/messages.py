@@ -40,7 +40,9 @@ class Setting:
     albedo: float
     resolution: int
     is_moving: bool  # the hand still moves something: take a quick stand-in for the exact image
-    pictures: tuple[float, float] | None  # an exposure factor and gamma, of a page without WebGL; else None
+    # Of a page without WebGL: an exposure factor, gamma, and the difference in full colour, in percent of the brightest
+    # exact pixel; else None.
+    pictures: tuple[float, float, float] | None
 
     @property
     def is_per_pixel(self) -> bool:
@@ -61,7 +63,9 @@ def parse_setting(values: Mapping[str, Any], maps: int) -> Setting:
     angles = tuple(_real(values, name, -1e6, 1e6) for name in ("yaw", "pitch", "roll"))
     pictures = None
     if values.get("pictures") is True:
-        pictures = _real(values, "exposure", 1e-30, 1e30), _real(values, "gamma", 0.1, 10.0)
+        limits = {"exposure": (1e-30, 1e30), "gamma": (0.1, 10.0), "difference": (0.01, 1000.0)}
+        exposure, gamma, difference = (_real(values, name, *limit) for name, limit in limits.items())
+        pictures = exposure, gamma, difference
     return Setting(
         map=checks.whole("the map", _of(values, "map"), 0, maps - 1),
         method=method,

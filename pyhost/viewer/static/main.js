@@ -78,7 +78,7 @@ const say = (wish) => isOpen && socket.send(JSON.stringify(wish));
 function wish() {
   const { map, method, sequence, count, seed, yaw, pitch, roll, albedo, resolution } = state;
   const asked = { map, method, sequence, count, seed, yaw, pitch, roll, albedo, resolution, moving: isMoving };
-  if (hasPictures) Object.assign(asked, { pictures: true, exposure: stops(), gamma: state.gamma });
+  if (hasPictures) Object.assign(asked, { pictures: true, exposure: stops(), gamma: state.gamma, difference: state.difference });
   return asked;
 }
 
@@ -224,6 +224,8 @@ function redraw(then = null) {
     drawnAt = performance.now();
     if (!hasPictures && state.tab === "light" && maps.has(state.map)) draw();
     for (const done of afterDrawing.splice(0)) done();
+    const [low, high] = ends(greatest());
+    if ($("scale-low").textContent !== low) [$("scale-low").textContent, $("scale-high").textContent] = [low, high];
     if (!isMoving || drawnAt - toldAt > TELLING) tell();
   });
 }
@@ -247,14 +249,14 @@ function draw() {
   const [ofMap, ofSphere] = maps.get(state.map).exposures;
   const tone = { gamma: state.gamma, soft: state.tone === "soft" };
   mapView.draw(shownTurn, { ...tone, exposure: ofMap * stops() }, state.marks, isMoving);
-  const difference = (state.difference / 100) * (numbers.brightest || 1);
   sphereView.draw({
-    wipe: state.wipe / 100, difference, albedo: now?.setting.albedo ?? state.albedo, neutral: neutral(),
+    wipe: state.wipe / 100, difference: greatest(), albedo: now?.setting.albedo ?? state.albedo, neutral: neutral(),
     tone: { ...tone, exposure: ofSphere * stops() }, turn: numbers.is_exact ? null : shownTurn,
   });
-  const [low, high] = ends(difference);
-  if ($("scale-low").textContent !== low) [$("scale-low").textContent, $("scale-high").textContent] = [low, high];
 }
+
+/** The difference that has full colour, radiance. */
+const greatest = () => (state.difference / 100) * (numbers.brightest || 1);
 
 // ---- numbers ----
 
