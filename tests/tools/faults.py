@@ -3053,8 +3053,8 @@ FAULTS: list[Fault] = [
     host(
         "view: a page that is gone counts",
         "server.py",
-        "            self.pages -= 1\n",
-        "",
+        "self.pages -= 1",
+        "pass",
         "a counter that only grows",
         ("test_gate.py", "test_page.py"),
     ),
