@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 import webbrowser
 from argparse import Namespace
@@ -34,7 +35,11 @@ def main() -> None:
 
     server_of = server_class()
     paths = args.maps or [args.map]
-    maps = [(path.stem, str(path), cli.load_map(Namespace(**{**vars(args), "map": path}))) for path in paths]
+    maps = []
+    for path in paths:
+        of_map = Namespace(**{**vars(args), "map": path})
+        words = shlex.join(map(str, cli.map_arguments(of_map)[1:]))
+        maps.append((path.stem, words, cli.load_map(of_map)))
     server = server_of(cli.open_device(args), maps, args.host, args.port)
 
     from ..viewer.server import is_loopback

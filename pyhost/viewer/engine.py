@@ -73,7 +73,7 @@ class Scene:
     """A map that a page may choose."""
 
     name: str
-    path: str  # as commands are given it
+    arguments: str  # what commands are given after --map
     distribution: Distribution
     harmonics: Harmonics
     exposures: tuple[float, float]  # automatic ones, of the map and of the sphere
@@ -113,11 +113,13 @@ class Engine:
         self._lights: tuple[object, Lights | Harmonics] | None = None
         self.scenes = [self._scene(*each) for each in maps]
 
-    def _scene(self, name: str, path: str, envmap: EnvironmentMap) -> Scene:
+    def _scene(self, name: str, arguments: str, envmap: EnvironmentMap) -> Scene:
         distribution = build_distribution(self.device, envmap)
         harmonics = project(self.device, distribution.map, STAND_IN)
         of_sphere = np.maximum(shade_harmonics(self.device, harmonics, 63), 0)
-        return Scene(name, path, distribution, harmonics, (auto_exposure(envmap.radiance), auto_exposure(of_sphere)))
+        return Scene(
+            name, arguments, distribution, harmonics, (auto_exposure(envmap.radiance), auto_exposure(of_sphere))
+        )
 
     # ---- answers ----
 

@@ -254,7 +254,7 @@ class Server:
 
     async def _command(self, wish: dict[str, Any]) -> bytes:
         setting = parse_setting(wish, len(self.engine.scenes))
-        lines, note = commands(setting, self.engine.scenes[setting.map].path)
+        lines, note = commands(setting, self.engine.scenes[setting.map].arguments)
         return packed({"kind": "command", "lines": lines, "note": note}, {})
 
     def _checked(self, options: dict[str, str], data: bytes) -> bytes:

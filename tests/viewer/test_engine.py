@@ -17,13 +17,14 @@ from lightdome.lighting.lights import Lights
 from lightdome.lighting.shade import shade
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import read_image, write_image
+from lightdome.maps.rotation import rotation_matrix
 from lightdome.opencl.device import Device
 from lightdome.rendering.per_pixel import render
 from lightdome.sampling.distribution import build_distribution
 from lightdome.viewer.engine import Engine, Kept, Sent
 from lightdome.viewer.messages import METHODS, MOST, Setting, halved, packed, parse_setting
 from lightdome.viewer.reflectance import reflectance
-from lightdome.viewer.shell import commands
+from lightdome.viewer.shell import commands, together
 from lightdome.viewer.upload import Checker
 
 WISH = {
@@ -212,6 +213,15 @@ def test_an_image_is_checked(device: Device, envmap: EnvironmentMap, tmp_path: P
     with pytest.raises(LightdomeError, match="the file") as refused:
         checker.checked({"suffix": ".pfm"}, huge)
     assert "/" not in str(refused.value).replace("no .", "")
+
+
+@pytest.mark.parametrize("angles", [(10, 20, 30), (0, 90, 0), (-170, -60, 100)])
+def test_a_command_line_holds_both_turns(angles: tuple[float, float, float]) -> None:
+    found = together((40, 0, 0), angles)
+    expected = rotation_matrix(*angles) @ rotation_matrix(40)
+    np.testing.assert_allclose(rotation_matrix(*found), expected, atol=1e-7)
+    lines, _ = commands(wish(method="mis", count=2, yaw=5), "map.exr --layer sky --rotate 40")
+    assert "--map map.exr --layer sky --rotate 45 0 0 " in lines[0]
 
 
 @pytest.mark.parametrize("values", [{}, {"method": "mis", "count": 2, "yaw": 45}])
