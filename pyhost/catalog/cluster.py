@@ -21,7 +21,6 @@ LOCAL = {
     "distributed.scheduler.allowed-failures": 0,
     "distributed.admin.low-level-log-length": 1000,
     "distributed.admin.event-log-length": 1000,
-    "distributed.worker.memory.recent-to-old-time": "1h",
 }
 
 
@@ -56,6 +55,7 @@ class Place:
 @contextmanager
 def connected(place: Place, folder: str) -> Iterator[Client]:
     """A client; workers on this machine have ``folder``. Raises :class:`LightdomeError` where there is no cluster."""
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what it loses is told in a line
     with ExitStack() as stack:
         try:
             where: dict[str, object] = {"address": place.scheduler}

@@ -6,6 +6,7 @@ import os
 import time
 from collections import deque
 from collections.abc import Iterator
+from concurrent.futures import CancelledError
 from dataclasses import dataclass, field
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -26,6 +27,7 @@ from .worker import work
 AHEAD = 2  # maps at the cluster, for each thread there
 POLL = 1.0  # seconds between looks at the cluster
 ALONE = 60.0  # seconds without any worker after which the run ends
+GO_ON = "run the same command again to go on"
 MOST_KNOWN = 100  # contents of equal size with which a map is compared
 
 
@@ -62,6 +64,12 @@ class Run:
 
     def __call__(self, client: Client) -> None:
         """Raises :class:`LightdomeError` where the cluster is gone; what is in the journal stays there."""
+        try:
+            self._compute(client)
+        except (OSError, TimeoutError, CancelledError) as error:
+            raise LightdomeError(f"the Dask cluster is gone ({one_line(error)}); {GO_ON}") from error
+
+    def _compute(self, client: Client) -> None:
         self.client, waiting = client, self.waiting
         begin = time.monotonic()
         with Progress("maps") as progress:
@@ -70,6 +78,7 @@ class Run:
                 while waiting and len(self._flying) < self._most:
                     self._submit(waiting.popleft())
                 if not self._flying:
+                    client.wait_for_workers(1, timeout=ALONE)  # its time begins now
                     self._submit(self._suspects.popleft(), is_alone=True)
                 try:
                     future = self._finished.get(timeout=POLL)
@@ -121,8 +130,8 @@ class Run:
             took = time.monotonic() - flight.since
             why = f"it took more than {self.seconds:g} s" if took >= self.seconds else "its worker process died"
             row = _failed(flight.source, f"{why}, twice: skipped")
-        except (OSError, TimeoutError, RuntimeError) as error:
-            raise LightdomeError(f"the Dask cluster is gone: {one_line(error)}") from error
+        except (OSError, TimeoutError, CancelledError):
+            raise
         except Exception as error:
             row = _failed(flight.source, f"{type(error).__name__}: {one_line(error)}")
         self._write(row, flight)
@@ -149,16 +158,13 @@ class Run:
         if now - self._looked < POLL:
             return
         self._looked = now
-        try:
-            threads = sum(self.client.nthreads().values()) if self.client.status == "running" else None
-        except OSError:
-            threads = None
-        if threads is None:
-            raise LightdomeError("the Dask scheduler is gone; start it again, and run the same command to go on")
+        if self.client.status != "running":
+            raise LightdomeError(f"the Dask scheduler is gone; start it again, and {GO_ON}")
+        threads = sum(self.client.nthreads().values())
         if threads:
             self._last_worker = now
         elif now - self._last_worker > ALONE:
-            raise LightdomeError(f"the Dask scheduler has had no worker for {ALONE:.0f} s; start some and run again")
+            raise LightdomeError(f"the Dask scheduler has had no worker for {ALONE:.0f} s; start some, and {GO_ON}")
         self._most = max(AHEAD, AHEAD * threads)
 
 

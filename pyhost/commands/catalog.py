@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
+import multiprocessing.util
 import os
 import re
 import shutil
@@ -144,15 +145,17 @@ def catalog(args: argparse.Namespace) -> None:
 def compute(run: Run, place: Place) -> None:
     """Compute what is missing; where a signal stops it, say how to go on."""
     from ..catalog.cluster import connected
+    from ..catalog.run import GO_ON
 
     with tempfile.TemporaryDirectory(prefix="lightdome-", ignore_cleanup_errors=True) as folder:
 
         def stop() -> None:
             for process in multiprocessing.active_children():
                 process.kill()
+            multiprocessing.util._run_finalizers(0)  # type: ignore[attr-defined] # else semaphores stay, and Python says so
             abandon()
             shutil.rmtree(folder, ignore_errors=True)
-            done = f"{run.computed} of {run.total} maps are done and kept; run the same command again to go on\n"
+            done = f"{run.computed} of {run.total} maps are done and kept; {GO_ON}\n"
             os.write(2, done.encode())
 
         take_back = interrupts.end_after(stop)

@@ -345,3 +345,32 @@ def test_the_page_sorts_and_filters_ten_thousand_rows_in_a_browser(tmp_path: Pat
         window.evaluate("document.getElementById('view').scrollTop = 1e9")
         window.wait_for_function("document.querySelector('#body .row:last-child').ariaRowIndex === '10001'")
         assert not errors
+
+
+# A map of this name kills the process that opens it.
+DEADLY = """
+import ctypes, io
+opened = io.open
+def open_or_die(file, *more, **options):
+    if str(file).endswith("deadly.exr"):
+        ctypes.string_at(0)
+    return opened(file, *more, **options)
+io.open = open_or_die
+"""
+
+
+@slow
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_maps_that_kill_or_hang_their_worker_are_named_and_skipped(maps: Path, tmp_path: Path) -> None:
+    (tmp_path / "code").mkdir()
+    (tmp_path / "code" / "sitecustomize.py").write_text(DEADLY)
+    (maps / "deadly.exr").write_bytes(b"")
+    os.mkfifo(maps / "hanging.exr")  # which nobody writes to
+    path = os.pathsep.join(filter(None, [str(tmp_path / "code"), os.environ.get("PYTHONPATH")]))
+    result = catalog(maps, "--out", tmp_path / "out", "--workers", 1, "--timeout", 8, PYTHONPATH=path)
+    assert result.returncode == 0, result.stderr
+    assert "13 maps: 13 computed, 0 known from earlier runs, 4 failed" in result.stdout
+    errors = {Path(row["path"]).name: row["error"] for row in rows_of(tmp_path / "out")}
+    assert errors["deadly.exr"] == "its worker process died, twice: skipped"
+    assert errors["hanging.exr"] == "it took more than 8 s, twice: skipped"
+    assert errors["m0.pfm"] is None
