@@ -26,7 +26,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import psutil
+import psutil  # Dask needs it too
 import pyarrow.parquet as pq
 from helpers import LONG, stiff_radiance
 from lightdome.catalog.journal import NAME
@@ -51,8 +51,8 @@ class Outcome:
 class Trial:
     """Maps in a folder, the table that they should have, and a way to run the command on them."""
 
-    def __init__(self, folder: Path, maps: int = MAPS) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, maps: int = MAPS, workers: int = 2) -> None:
+        self.folder, self.workers = folder, workers
         (folder / "maps").mkdir()
         for n in range(maps):
             radiance = stiff_radiance(*((8, 16) if n % 4 else (32, 64)), n)
@@ -64,7 +64,7 @@ class Trial:
     def start(self, out: Path, *more: object) -> subprocess.Popen[str]:
         command = [sys.executable, "-m", "lightdome", "catalog", self.folder / "maps", "--out", out, "--thumbnails"]
         return subprocess.Popen(
-            [*map(str, (*command, *(more or ("--workers", "2"))))],
+            [*map(str, (*command, *(more or ("--workers", self.workers))))],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -179,15 +179,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--count", type=int, default=20, help="kills of each kind")
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS, help="what is killed")
+    parser.add_argument("--maps", type=int, default=MAPS, help="of a run")
+    parser.add_argument("--workers", type=int, default=2, help="of a run")
     parser.add_argument("--seed", type=int, default=0, help="of the moments")
     args = parser.parse_args()
     random.seed(args.seed)
     with tempfile.TemporaryDirectory() as folder:
-        trial = Trial(Path(folder))
+        trial = Trial(Path(folder), args.maps, args.workers)
         for kind in args.kinds:
             outcomes = []
             for _ in range(args.count):
-                outcomes.append(trial.kill(kind, random.randint(0, MAPS)))
+                outcomes.append(trial.kill(kind, random.randint(0, args.maps)))
                 print(outcomes[-1], flush=True)
             print(
                 f"{kind}: killed {len(outcomes)} times, {sum(o.finished for o in outcomes)} rows finished before,"
