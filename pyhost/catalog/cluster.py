@@ -19,8 +19,8 @@ from .worker import THREADS, opencl_threads
 # are short, so that its memory does not grow with the number of maps.
 LOCAL = {
     "distributed.scheduler.allowed-failures": 0,
-    "distributed.admin.low-level-log-length": 1000,
-    "distributed.admin.event-log-length": 1000,
+    "distributed.admin.low-level-log-length": 100,
+    "distributed.admin.log-length": 100,
 }
 
 

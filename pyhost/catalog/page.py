@@ -50,7 +50,7 @@ def _columns(options: Options) -> Iterator[tuple[dict[str, Any], str]]:
     yield {"key": "path", "label": "map", "width": "minmax(12rem, 1fr)"}, "path"
     yield {"key": "status", "label": "status", "width": "5.5rem"}, "status"
     yield {"key": "format", "label": "format", "width": "6.5rem"}, "format"
-    yield {"key": "clipping", "label": "clipping", "width": "7.5rem"}, "clipping_verdict"
+    yield {"key": "clipping", "label": "clipping", "width": "8.2rem"}, "clipping_verdict"
     for key, name, label, width, digits, about in NUMBERS:
         column = {"key": key, "label": label, "kind": "number", "width": width, "digits": digits, "about": about}
         asked = {"lights": options.lights, "harmonics": options.harmonics is not None}.get(key, True)
