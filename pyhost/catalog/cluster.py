@@ -21,6 +21,10 @@ LOCAL = {
     "distributed.scheduler.allowed-failures": 0,
     "distributed.admin.low-level-log-length": 100,
     "distributed.admin.log-length": 100,
+    "distributed.worker.profile.enabled": False,
+    # What glibc comes to by itself. Dask's own value makes every large array a new mapping, and costs a third.
+    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 64 << 20,
+    "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": 32 << 20,
 }
 
 
