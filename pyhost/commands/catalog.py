@@ -121,8 +121,9 @@ def catalog(args: argparse.Namespace) -> None:
         device=args.device,
         memory=memory,
     )
-    if args.scheduler and not args.tls and args.scheduler.startswith("tls://"):
-        raise LightdomeError("a scheduler at tls:// needs --tls CA CERT KEY")
+    for path in args.tls or ():
+        if not path.is_file():
+            raise LightdomeError(f"cannot read {path}, which --tls names: there is no such file")
     threads = max(1, cores() // args.workers)
     place = Place(args.workers, threads, memory, args.scheduler, args.scheduler_file, args.tls and tuple(args.tls))
     maps = sources.find(args.maps)
