@@ -1,19 +1,18 @@
 #!/usr/bin/env python3
 """Make the default environment map: a vaulted chapel at dusk, ray traced with numpy.
 
-The room is real geometry, given as a signed distance (positive in air) and found by sphere tracing:
-four groin-vaulted bays with ribs and wall shafts, traceried windows, three lancets with the setting
-sun behind them, a rose window, a tiled and slightly glossy floor, pews, an altar, lamps and candles.
-Light comes from the windows (each cut into patches), the lamps, and two bounces between patches of
-floor, walls and vault; a sunbeam through the lancets is traced on its own.
+The room is real geometry, defined by signed distances (positive in air) and rendered by sphere tracing: four
+groin-vaulted bays with ribs and wall shafts, traceried windows, three lancets with the setting sun behind them, a rose
+window, a tiled and slightly glossy floor, pews, an altar, lamps and candles. Light comes from the windows (each split
+into patches), the lamps, and two bounces between patches of floor, walls and vault; a sunbeam through the lancets is
+traced separately.
 
-Coordinates: ``u`` along the nave towards the lancets, ``v`` across it, ``y`` up, in metres from the
-camera. The nave runs along phi = 135 degrees, so that a diffuse sphere seen along -z has the warm
-lancets at its upper left and the cool side windows at its right.
+Coordinates are in metres from the camera: ``u`` along the nave towards the lancets, ``v`` across it, ``y`` up. The nave
+runs along phi = 135 degrees, so that a diffuse sphere seen along -z has the warm lancets at its upper left and the cool
+side windows at its right.
 
-Everything is float64 built from + - * / sqrt and floor, which IEEE 754 rounds alike everywhere;
-only the sines of the pixel angles are not, and these are rounded to 2^-40. The same pixels therefore
-come out on every machine.
+Everything is computed in float64 with + - * / sqrt and floor, which IEEE 754 rounds identically everywhere. The only
+exceptions are the sines of the pixel angles, which are rounded to 2^-40. So every machine produces the same pixels.
 """
 
 import os
@@ -42,7 +41,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 WIDTH, HEIGHT = 1024, 512
-SUPERSAMPLES = 3  # a side: 9 rays a pixel
+SUPERSAMPLES = 3  # per side: 9 rays per pixel
 
 FLOOR = -1.6
 HALF_WIDTH = 4.5
@@ -53,12 +52,12 @@ SPRING = 3.0  # height where the vault springs
 VAULT_RADIUS = 6.5  # two arcs make a pointed arch; both barrels have the same crown
 CROSS_RADIUS = (VAULT_RADIUS**2 - (VAULT_RADIUS - HALF_WIDTH) ** 2 + (BAY / 2) ** 2) / BAY
 ROSE_HEIGHT = 5.0
-DEPTH = 0.45  # of a window's glass behind the face of its wall
+DEPTH = 0.45  # of a window's glass, behind the face of its wall
 
 SUN = np.array([7.95, 2.42, 3.75]) / math.sqrt(7.95**2 + 2.42**2 + 3.75**2)  # (u, v, y): in a lancet
 SUN_RADIANCE = np.array([760.0, 560.0, 300.0])
 SUN_SPREAD = 2.2e-4  # 1 - cos(1.2 degrees): the glass blurs the disc
-SUNBEAM = np.array([1.7, 1.2, 0.6])  # irradiance across the beam, before the glass
+SUNBEAM = np.array([1.7, 1.2, 0.6])  # irradiance perpendicular to the beam, before the glass
 
 STONE = np.array([0.22, 0.205, 0.185])
 LAMP_RADIANCE = np.array([40.0, 20.0, 7.0])
@@ -75,24 +74,24 @@ def length(x: Array, y: Array) -> Array:
 
 
 def lancet(s: Array, y: Array, half: float, sill: float, spring: float) -> Array:
-    """Distance inside a pointed window: equilateral arch of half width ``half`` above ``spring``."""
+    """Distance inside a pointed window, with an equilateral arch of half width ``half`` above ``spring``."""
     return np.minimum(y - sill, 2 * half - length(np.abs(s) + half, np.maximum(y - spring, 0)))
 
 
 def box(u: Array, v: Array, y: Array, half: tuple[float, float, float]) -> Array:
-    """A lower bound of the distance to a box round the origin, negative inside."""
+    """A lower bound of the distance to a box around the origin, negative inside."""
     return np.maximum(np.maximum(np.abs(u) - half[0], np.abs(v) - half[1]), np.abs(y) - half[2])
 
 
 def bay_of(u: Array) -> Array:
-    """Number of the bay, 0 next to the lancets."""
+    """The bay's number, 0 next to the lancets."""
     return np.clip(np.floor((EAST - u) / BAY), 0, BAYS - 1)
 
 
 def fold12(v: Array, y: Array) -> tuple[Array, Array]:
     """Reflect the plane into one of the twelve petals of the rose, along the first axis."""
     a, b = np.maximum(np.abs(v), np.abs(y)), np.minimum(np.abs(v), np.abs(y))
-    # An eighth of the circle is left, one and a half petals: reflect what is above 15 degrees.
+    # An eighth of the circle remains, one and a half petals: reflect whatever is above 15 degrees.
     nx, ny = math.sin(math.pi / 12), -math.cos(math.pi / 12)
     over = 2 * np.maximum(-(a * nx + b * ny), 0)
     return a + over * nx, np.abs(b + over * ny)
@@ -125,7 +124,7 @@ SHELL, RIBS, WOOD, CLOTH, METAL, LAMP, FLAME = range(7)
 
 
 def refined(bound: Array, exact: Callable[[Array], Array], base: Array | None = None) -> Array:
-    """``base``, else ``bound`` itself; but ``exact`` of the indices where that lower bound of a distance is small."""
+    """``base``, by default ``bound``, replaced by ``exact`` of the indices where the lower bound is small."""
     result = np.array(bound if base is None else base)
     close = np.flatnonzero(bound < 0.3)
     if close.size:
@@ -134,7 +133,7 @@ def refined(bound: Array, exact: Callable[[Array], Array], base: Array | None = 
 
 
 def parts(u: Array, v: Array, y: Array) -> list[Array]:
-    """Lower bounds of the distances to each kind of surface, positive in air; a point lies on the nearest."""
+    """Lower bounds of the distances to each kind of surface, positive in air; a point belongs to the nearest."""
     av = np.abs(v)
     s = np.abs(u - (EAST - BAY / 2 - BAY * bay_of(u)))
     rise = np.maximum(y - SPRING, 0)
@@ -143,7 +142,7 @@ def parts(u: Array, v: Array, y: Array) -> list[Array]:
     inner = HALF_WIDTH - av
     room = np.maximum(along, np.minimum(cross, inner))
 
-    # Windows and niches are more air behind the walls: look for them only close to a wall.
+    # Windows and niches are extra air behind the walls: look for them only close to a wall.
     def side_wall(k: Array) -> Array:
         s_, y_, d = s[k], y[k], inner[k]
         air = np.maximum(room[k], np.minimum(lancet(s_, y_, 1.36, 0.85, 4.15), d + 0.2))
@@ -214,9 +213,9 @@ def distance(u: Array, v: Array, y: Array) -> Array:
 
 
 def march(origin: Array, ray: Array, start: Array | None = None, cone: float = 0.0) -> Array:
-    """How far each ray gets before it meets a surface. ``origin`` and ``ray`` are (3, n).
+    """The distance that each ray travels before it meets a surface. ``origin`` and ``ray`` are (3, n).
 
-    With a ``cone`` (its half angle) it is how far the whole cone round the ray is surely clear.
+    With a ``cone`` (its half angle), the distance for which the whole cone around the ray is certainly clear.
     """
     t = np.zeros(ray.shape[1]) if start is None else start.copy()
     alive = np.arange(ray.shape[1])
@@ -298,7 +297,7 @@ def east_panes(v: Array, y: Array) -> Array:
 
 
 def east_light(v: Array, y: Array, ray: Array | None = None) -> Array:
-    """Radiance (3, n) of the lancets; with the sun and its glow if the ``ray`` that sees it is given."""
+    """Radiance (3, n) of the lancets; including the sun and its glow if the viewing ``ray`` is given."""
     glass = east_panes(v, y)
     height = np.clip((y - 0.4) / 7.0, 0, 1)
     sky = np.array([[2.3], [1.5], [0.75]]) * (1.25 - 0.75 * height)
@@ -328,7 +327,7 @@ def rose_light(v: Array, y: Array) -> Array:
     """Radiance (3, n) of the rose window."""
     _, b = fold12(v, y - ROSE_HEIGHT)
     r = length(v, y - ROSE_HEIGHT)
-    # Petals alternate: the number of the axis (of six) that a point is nearest to.
+    # Petals alternate in colour, by the number of the nearest of six axes.
     axes = [(math.cos(k * math.pi / 6), math.sin(k * math.pi / 6)) for k in range(6)]
     nearest = np.argmax(np.stack([np.abs(c * v + s * (y - ROSE_HEIGHT)) for c, s in axes]), axis=0)
     odd = nearest % 2 == 1
@@ -346,7 +345,7 @@ def rose_light(v: Array, y: Array) -> Array:
 
 @dataclass(frozen=True)
 class Patch:
-    """A small source of light: where it is, where it faces (zero: everywhere), radiance times area."""
+    """A small source of light: position, facing direction (zero: all directions), radiance times area."""
 
     at: Array
     facing: Array
@@ -355,7 +354,7 @@ class Patch:
 
 
 def irradiance(where: Array, normal: Array, patches: Sequence[Patch]) -> Array:
-    """Irradiance (3, n) of points (3, n); a patch is a point softened by its area."""
+    """Irradiance (3, n) at points (3, n); a patch is a point light softened by its area."""
     total = np.zeros_like(where)
     for patch in patches:
         to = patch.at[:, None] - where
@@ -373,7 +372,7 @@ def irradiance(where: Array, normal: Array, patches: Sequence[Patch]) -> Array:
 
 
 def sunbeam(where: Array, normal: Array) -> Array:
-    """Irradiance (3, n) by the sun through the lancets, blurred as by the width of the disc."""
+    """Irradiance (3, n) from the sun through the lancets, blurred as if by the width of the sun's disc."""
     cosine = np.maximum(normal[0] * SUN[0] + normal[1] * SUN[1] + normal[2] * SUN[2], 0)
     far = np.maximum(EAST + DEPTH - where[0], 0) / SUN[0]
     v, y = where[1] + far * SUN[1], where[2] + far * SUN[2]
@@ -383,7 +382,7 @@ def sunbeam(where: Array, normal: Array) -> Array:
     result = np.zeros_like(where)
     if lit.size == 0:
         return result
-    # The colours of the panes wash into each other on the way: average a few places of the glass.
+    # The colours of the panes blend along the way: average a few places of the glass.
     colour = np.repeat(np.array([[0.40], [0.27], [0.12]]), lit.size, axis=1)
     for dv, dy in ((0.0, 0.0), (0.7, 0.3), (-0.7, -0.3), (0.3, -0.7), (-0.3, 0.7)):
         colour += 0.1 * east_panes(v[lit] + dv * blur[lit], y[lit] + dy * blur[lit])
@@ -400,7 +399,7 @@ def opening(
     glass: Callable[[Array, Array], Array],
     light: Callable[[Array, Array], Array],
 ) -> Array:
-    """Radiance times open area of the rectangle of a window round ``centre``, on a grid of points."""
+    """Radiance times open area, on a grid of points over a window's rectangle around ``centre``."""
     n = 24
     grid = (np.arange(n) + 0.5) / n * 2 - 1
     s = centre[0] + half[0] * np.tile(grid, n)
@@ -421,7 +420,7 @@ def sources() -> list[Patch]:
         for k in range(count):
             y = low + (2 * k + 1) * tall
             power = opening((v, y), (half, tall), east_glass, east_light)
-            # Towards the room the sky round the sun is brighter than the open sky behind the glass.
+            # Towards the room, the sky around the sun is brighter than the open sky behind the glass.
             patches.append(Patch(np.array([EAST + 0.3, v, y]), np.array([-1.0, 0, 0]), 1.5 * power, 1.0))
     for bay in range(BAYS):
         u = EAST - BAY / 2 - BAY * bay
@@ -451,7 +450,7 @@ def sources() -> list[Patch]:
 
 
 def bounced(direct: Sequence[Patch]) -> list[Patch]:
-    """Patches of floor, walls and vault that give back the light of ``direct``, two bounces deep."""
+    """Patches of floor, walls and vault that reflect the light of ``direct``, up to two bounces."""
     places: list[tuple[Array, Array, Array, float]] = []
     dark = np.array([0.16, 0.15, 0.14])
     for k in range(2 * BAYS):
@@ -492,7 +491,7 @@ def bounced(direct: Sequence[Patch]) -> list[Patch]:
 
 
 def normals(where: Array) -> Array:
-    """Unit normals (3, n) of surface points, from four values of the distance."""
+    """Unit normals (3, n) of surface points, from four evaluations of the distance."""
     total = np.zeros_like(where)
     for corner in ((1, -1, -1), (-1, -1, 1), (-1, 1, -1), (1, 1, 1)):
         step = np.array(corner, np.float64)[:, None]
@@ -502,7 +501,7 @@ def normals(where: Array) -> Array:
 
 
 def openness(where: Array, normal: Array) -> Array:
-    """How little the neighbourhood hides of the sky above a surface: 0 (a crevice) to 1."""
+    """How open the hemisphere above a surface is: from 0 (a crevice) to 1 (nothing nearby)."""
     result = np.ones(where.shape[1])
     for reach, weight in ((0.12, 0.4), (0.35, 0.45), (0.9, 0.55)):
         free = np.clip(distance(*(where + reach * normal)) / reach, 0, 1)
@@ -549,7 +548,7 @@ def webs(where: Array) -> Array:
 def radiance(
     patches: Sequence[Patch], origin: Array, ray: Array, start: Array | None = None, bounces: int = 1
 ) -> Array:
-    """Radiance (3, n) that arrives at ``origin`` (3, n) against ``ray`` (3, n), in (u, v, y), lit by ``patches``.
+    """Radiance (3, n) that arrives at ``origin`` (3, n) from along ``ray`` (3, n), in (u, v, y), lit by ``patches``.
 
     The first ``start`` (n,) metres of the rays are known to be clear.
     """
@@ -607,7 +606,7 @@ def radiance(
 def rays(rows: Array, columns: Array) -> Array:
     """Unit directions (3, rows x columns) in (u, v, y) through fractional rows and columns of the map.
 
-    The sines are rounded to 2^-40 so that every mathematics library gives the same.
+    The sines are rounded to 2^-40 so that every mathematics library gives the same result.
     """
 
     def circle(angles: Array) -> tuple[Array, Array]:
@@ -622,7 +621,7 @@ def rays(rows: Array, columns: Array) -> Array:
 
 
 def render_rows(rows: Sequence[int]) -> NDArray[np.float16]:
-    """Rows of the map, (len(rows), WIDTH, 3): the mean of ``SUPERSAMPLES`` squared rays a pixel."""
+    """Rows of the map, (len(rows), WIDTH, 3): the mean of ``SUPERSAMPLES`` squared rays per pixel."""
     direct = sources()
     patches = direct + bounced(direct)
     n = SUPERSAMPLES
@@ -630,7 +629,7 @@ def render_rows(rows: Sequence[int]) -> NDArray[np.float16]:
     sub = (np.arange(n) + 0.5) / n
     columns = (np.arange(WIDTH)[:, None] + sub).ravel()
     for i, row in enumerate(rows):
-        # One cone round a pixel finds how far all of its rays are clear.
+        # A single cone around a pixel finds how far all of its rays are clear.
         middle = rays(np.array([row + 0.5]), np.arange(WIDTH) + 0.5)
         clear = march(np.zeros_like(middle), middle, cone=1.06 * math.pi / HEIGHT / math.sqrt(2))
         ray = rays(row + sub, columns)
@@ -638,7 +637,7 @@ def render_rows(rows: Sequence[int]) -> NDArray[np.float16]:
         light = light.reshape(3, n, WIDTH, n)
         total = sum(light[:, j, :, k] for j in range(n) for k in range(n))
         result[i] = (total / n**2).T
-    # Eight bits of fraction are within 0.2 % and compress much better than the ten of a half float.
+    # Eight bits of fraction are accurate to 0.2 % and compress much better than the ten of a half float.
     bits = result.view(np.uint16)
     bits[...] = (bits + np.uint16(2)) & np.uint16(0xFFFC)
     return result
@@ -648,18 +647,18 @@ def render() -> NDArray[np.float16]:
     """The whole map, (HEIGHT, WIDTH, 3), on all cores."""
     bands = [range(top, min(top + 8, HEIGHT)) for top in range(0, HEIGHT, 8)]
     with ProcessPoolExecutor() as pool:
-        with Unheard():  # Ctrl-C goes to the whole group: only this process shall answer it
+        with Unheard():  # Ctrl-C goes to the whole process group, but only this process must handle it
             rendered = pool.map(render_rows, bands)
         return np.concatenate(list(rendered))
 
 
 def write(path: Path, pixels: NDArray[np.float16]) -> None:
     """Write (height, width, 3) as a half-float EXR file with ZIP compression."""
-    import OpenImageIO as oiio  # here, so that the ray tracer alone needs nothing but numpy
+    import OpenImageIO as oiio  # imported here, so that the ray tracer alone needs only numpy
 
     spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, "half")
     spec.attribute("compression", "zip:9")
-    spec.attribute("DateTime", "")  # or the file would change with every run
+    spec.attribute("DateTime", "")  # otherwise the file would change with every run
     name = utf8_name(path)
     output = oiio.ImageOutput.create(name)
     written = output.open(name, spec) and output.write_image(pixels)
@@ -680,7 +679,7 @@ def main() -> None:
         parser.error(f"argument --out: {out} does not end in .exr")
     utf8_name(out)
     began = time.perf_counter()
-    with replacing(out) as temporary:  # refuses a place that cannot be written before the work, not after it
+    with replacing(out) as temporary:  # refuses an unwritable path before the work, not after it
         pixels = render()
         write(temporary, pixels)
     luminance = pixels.astype(np.float64).mean(axis=2)

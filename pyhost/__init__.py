@@ -3,26 +3,26 @@
     import lightdome
 
     device = lightdome.open_device()
-    envmap = lightdome.EnvironmentMap.read(lightdome.default_map())  # or a file of yours
+    envmap = lightdome.EnvironmentMap.read(lightdome.default_map())  # or your own file
     distribution = lightdome.build_distribution(device, envmap)
     samples = distribution.sample(1024, seed=1)
     image = lightdome.shade_samples(device, samples, resolution=511)
     lightdome.write_image("sphere.pfm", image)
 
-Data flows one way, and the folders are its path: :mod:`lightdome.maps` reads a map, :mod:`lightdome.sampling` makes a
-distribution of it and draws samples, :mod:`lightdome.lighting` lights a sphere with them or with the whole map, and
-:mod:`lightdome.rendering` draws the same sphere with fresh samples for every pixel. :mod:`lightdome.pbrt` lets PBRT
-draw it, :mod:`lightdome.fresnel` stands alone, :mod:`lightdome.evaluation` says how far off each is,
-:mod:`lightdome.checking` whether another program's results are right, and
-:mod:`lightdome.reference` holds what all of it is checked against.
+Data flows one way, and the folders follow it: :mod:`lightdome.maps` reads a map; :mod:`lightdome.sampling` turns it
+into a distribution and draws samples; :mod:`lightdome.lighting` lights a sphere with the samples or with the whole map;
+:mod:`lightdome.rendering` renders the same sphere with fresh samples for every pixel. :mod:`lightdome.pbrt` has PBRT
+render it; :mod:`lightdome.fresnel` stands alone; :mod:`lightdome.evaluation` measures the error of each method;
+:mod:`lightdome.checking` tells whether another program's results are right; :mod:`lightdome.reference` holds the
+references that everything is checked against.
 """
 
 from __future__ import annotations
 
 from importlib import import_module
 
-__version__ = "0.1.0"
-TYPE_CHECKING = False  # like typing's, which takes long to load
+__version__ = "0.2.0"
+TYPE_CHECKING = False  # as in typing, which is slow to import
 
 if TYPE_CHECKING:
     from . import (  # noqa: F401
@@ -72,7 +72,7 @@ if TYPE_CHECKING:
     from .sampling.samples import Samples
     from .sampling.streaming import sample_file
 
-# Loaded when first used, as every module is: Fresnel needs no OpenCL, shading no image library.
+# Loaded on first use, like every module: Fresnel needs no OpenCL, and shading needs no image library.
 _HOME = {
     "Device": "opencl.device",
     "open_device": "opencl.device",
@@ -152,7 +152,7 @@ if not TYPE_CHECKING:  # hidden from type checkers, which would then accept any 
             try:
                 return import_module(f".{name}", __name__)
             except ModuleNotFoundError as error:
-                if error.name != f"{__name__}.{name}":  # it is there, and something else is missing
+                if error.name != f"{__name__}.{name}":  # the module exists, but one of its imports is missing
                     raise
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 

@@ -1,7 +1,7 @@
-"""What is kept between runs, under ``$XDG_CACHE_HOME/lightdome`` or ``~/.cache/lightdome``.
+"""The cache kept between runs, in ``$XDG_CACHE_HOME/lightdome`` or ``~/.cache/lightdome``.
 
-Everything in it can be made again; if it cannot be written, nothing is kept. PoCL and pyopencl keep their programs
-beside it.
+Everything in it can be regenerated; if the folder cannot be written, nothing is kept. PoCL and pyopencl keep their
+compiled programs beside it.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ import numpy as np
 from .errors import LightdomeError
 from .files import replacing
 
-ROOM = 64 << 20  # bytes; PoCL compiles through files in its cache, and ends the process where the disk is full
+ROOM = 64 << 20  # bytes; PoCL compiles through files in its cache and kills the process if the disk is full
 
 
 def _base() -> Path:
-    """``$XDG_CACHE_HOME``, else ``.cache`` in the user's home; without one, below the null device: nothing is kept."""
+    """``$XDG_CACHE_HOME``, else ``.cache`` in the user's home, else a path below the null device: nothing is kept."""
     given = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    if given.is_absolute():  # relative paths are to be ignored, says the specification
+    if given.is_absolute():  # the specification says to ignore relative paths
         return given
     home = Path(os.environ.get("HOME", ""))
     if not home.is_absolute():
@@ -42,16 +42,16 @@ def _base() -> Path:
 
 
 def cache_folder(kind: str) -> Path:
-    """The folder for one ``kind`` of thing; it may not exist."""
+    """The folder for one ``kind`` of cache entry; it may not exist."""
     return _base() / "lightdome" / kind
 
 
 def ensure_room() -> None:
-    """Mend this process's environment where it lacks what OpenCL implementations need.
+    """Repair this process's environment where it lacks what OpenCL implementations need.
 
-    That is a ``PATH`` with a linker, and a folder for caches: if the usual one cannot be written or is full, a
-    temporary one until the process ends. If ``HOME`` does not lead to it, as under cron, ``XDG_CACHE_HOME`` is set.
-    Raises :class:`LightdomeError` if there is no room for a temporary folder either.
+    They need a linker on ``PATH``, and a cache folder with free space. If the usual folder cannot be written or is
+    full, a temporary one is used until the process ends. ``XDG_CACHE_HOME`` is set where ``HOME`` does not lead to the
+    folder, as under cron. Raises :class:`LightdomeError` if there is no room for a temporary folder either.
     """
     if shutil.which("ld", path=os.environ.get("PATH", "")) is None:  # PoCL runs it for each kernel
         os.environ["PATH"] = os.pathsep.join(filter(None, (os.environ.get("PATH"), os.defpath)))
@@ -62,11 +62,11 @@ def ensure_room() -> None:
     if not _has_room(base):
         try:
             elsewhere = tempfile.gettempdir()
-        except OSError:  # there is none
+        except OSError:  # there is no temporary folder
             elsewhere = os.devnull
         if not _has_room(elsewhere):
             raise LightdomeError(
-                f"there is no room to compile kernels in {base}; set XDG_CACHE_HOME to a folder with {ROOM >> 20} MiB"
+                f"no room to compile kernels in {base}; set XDG_CACHE_HOME to a folder with {ROOM >> 20} MiB free"
             )
         temporary = tempfile.TemporaryDirectory(prefix="lightdome-", ignore_cleanup_errors=True)
         atexit.register(temporary.cleanup)
@@ -88,7 +88,7 @@ def _has_room(folder: str | Path) -> bool:
 
 
 def key_of(*parts: str | bytes | memoryview) -> str:
-    """A name for what depends on ``parts`` and on nothing else."""
+    """A cache key that depends on ``parts`` and on nothing else."""
     digest = hashlib.sha256()
     for part in parts:
         data = part.encode() if isinstance(part, str) else part
@@ -100,7 +100,7 @@ def key_of(*parts: str | bytes | memoryview) -> str:
 def remembered(kind: str, key: str, make: Callable[[], np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
     """The float32 array that ``make`` returned for ``key`` in an earlier run, or returns now.
 
-    What is on disk counts only if it has ``shape`` and matches the checksum beside it.
+    An array on disk is used only if it has ``shape`` and matches the checksum stored with it.
     """
     path = cache_folder(kind) / f"{key}.f32"
     with contextlib.suppress(OSError):

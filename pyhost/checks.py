@@ -1,6 +1,6 @@
-"""Checks of the arguments of public functions: one line says what was expected and what was given.
+"""Checks of the arguments of public functions; an error says in one line what was expected and what was given.
 
-Each returns the value in the one form that the rest of the code knows, or raises :class:`LightdomeError`.
+Each check returns the value in the one form that the rest of the code uses, or raises :class:`LightdomeError`.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from .float_range import LARGEST
 
 T = TypeVar("T")
 
-SHOWN = 6  # items of a list
-BRIGHTEST = 1e200  # of lights; sums of as many as there can be, times an albedo, stay in float64's range
+SHOWN = 6  # list items that a message shows
+BRIGHTEST = 1e200  # largest flux of a light: the sum of all lights, times an albedo, stays in float64's range
 UNIT = 1e-4  # how far a unit vector's length may be from 1, after rounding or a few printed digits
 
 
 def told(value: object) -> str:
-    """What a value is, in a few words, however large it is."""
+    """Describe a value in a few words, however large it is."""
     if isinstance(value, np.ndarray):
         return f"an array of shape {value.shape} and type {value.dtype}"
     if isinstance(value, np.generic):
@@ -35,7 +35,7 @@ def told(value: object) -> str:
     if isinstance(value, list | tuple):
         more = ", ..." if len(value) > SHOWN else ""
         return f"[{', '.join(told(item) for item in value[:SHOWN])}{more}]"
-    if isinstance(value, int) and value.bit_length() > 200:  # Python would refuse to write it, from 4300 digits on
+    if isinstance(value, int) and value.bit_length() > 200:  # Python refuses to print 4300 digits or more
         return f"a number of {value.bit_length()} bits"
     if value is None or isinstance(value, bool | int | float | complex | os.PathLike):
         return one_line(str(value))
@@ -48,7 +48,7 @@ def told(value: object) -> str:
 
 
 def instance(what: str, value: object, kind: type) -> None:
-    """Refuse a value that is not of type ``kind``, as when two arguments are exchanged."""
+    """Refuse a value that is not of type ``kind``, as when two arguments are swapped."""
     if not isinstance(value, kind):
         raise LightdomeError(
             f"{what} must be of type {kind.__name__}, got {told(value)}; check the order of the arguments"
@@ -76,12 +76,12 @@ def wholes(what: str, values: object, low: int, high: int) -> list[int]:
         raise LightdomeError(f"{what} must be a list of whole numbers from {low} to {high}, got {told(values)}")
     result = [whole(f"each of the {what}", value, low, high) for value in values]
     if not result:
-        raise LightdomeError(f"{what} must be at least one whole number from {low} to {high}, got none")
+        raise LightdomeError(f"{what} must hold at least one whole number from {low} to {high}, got none")
     return result
 
 
 def real(what: str, value: object, wanted: str, low: float, high: float = math.inf) -> float:
-    """A finite number from ``low`` to ``high``; ``wanted`` says that in words."""
+    """A finite number from ``low`` to ``high``; ``wanted`` is that range in words."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value.item()
     number = math.nan
@@ -101,7 +101,7 @@ def positive(what: str, value: object) -> float:
 
 
 def albedo(value: object) -> float:
-    """A surface's albedo; above 1 no surface has it, but it is useful as a scale."""
+    """A surface's albedo; no real surface exceeds 1, but a larger albedo is useful as a scale."""
     return real("the albedo", value, f"a number from 0 to {LARGEST:.2g}", 0, LARGEST)
 
 
@@ -123,7 +123,7 @@ def path(value: object) -> Path:
     except UnicodeEncodeError:
         possible = False
     if not possible:
-        raise LightdomeError(f"no file can be named {told(str(result))}")
+        raise LightdomeError(f"{told(str(result))} cannot be the name of a file")
     return result
 
 
@@ -148,9 +148,9 @@ def array(
     dtype: DTypeLike | None = None,
     own: bool = False,
 ) -> np.ndarray:
-    """An array of real numbers, of ``shape``, where a letter stands for any number, and converted to ``dtype``.
+    """An array of real numbers, converted to ``dtype``; a letter in ``shape`` stands for any length.
 
-    It is ``value`` itself where nothing is to be done, unless it is to be our ``own``: then nobody can write to it.
+    This is ``value`` itself where nothing has to be converted. With ``own`` it is a read-only copy.
     """
     form = "given as real numbers"
     if shape is not None:
@@ -165,7 +165,7 @@ def array(
         result.ndim != len(shape) or any(n != m for n, m in zip(shape, result.shape, strict=True) if isinstance(n, int))
     ):
         raise LightdomeError(f"{what} must be {form}, got shape {result.shape}")
-    with np.errstate(over="ignore"):  # to infinity
+    with np.errstate(over="ignore"):  # too large becomes infinite
         if not own:
             return result.astype(dtype or result.dtype, copy=False)
         result = np.array(result, dtype, order="C", copy=True)
@@ -174,7 +174,7 @@ def array(
 
 
 def unit_vectors(what: str, value: object, dtype: DTypeLike, each: str = "number", own: bool = False) -> np.ndarray:
-    """Unit vectors (N, 3), see :func:`array`; ``each`` is what a message calls one of them."""
+    """Unit vectors (N, 3), see :func:`array`; messages call one of them ``each``."""
     result = array(what, value, ("N", 3), dtype, own)
     with np.errstate(over="ignore"):
         unit = np.abs(np.einsum("nc,nc->n", result, result) - 1) <= 2 * UNIT
@@ -187,7 +187,7 @@ def unit_vectors(what: str, value: object, dtype: DTypeLike, each: str = "number
 
 
 def lights(direction: object, flux: object, own: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors (N, 3) float32, and as many fluxes (N, 3) float64, 0 to :data:`BRIGHTEST`; see :func:`array`."""
+    """Unit vectors (N, 3) float32 and their fluxes (N, 3) float64, from 0 to :data:`BRIGHTEST`."""
     direction = unit_vectors("direction", direction, np.float32, "light", own)
     flux = array("flux", flux, ("N", 3), np.float64, own)
     if len(direction) != len(flux):
@@ -199,14 +199,14 @@ def lights(direction: object, flux: object, own: bool = False) -> tuple[np.ndarr
 
 
 def same(one: object, other: object) -> bool:
-    """Whether two objects have the same type and equal attributes, arrays by what they hold."""
+    """Whether two objects have the same type and equal attributes, comparing arrays by content."""
     return type(one) is type(other) and all(
         np.array_equal(value, vars(other)[name]) for name, value in vars(one).items()
     )
 
 
 def made(kind: type[T], **values: object) -> T:
-    """A frozen dataclass of values that are our own and right: arrays are not copied, only made read-only."""
+    """A frozen dataclass of values already checked and ours alone: arrays are made read-only, not copied."""
     result = object.__new__(kind)
     for name, value in values.items():
         if isinstance(value, np.ndarray):

@@ -1,4 +1,4 @@
-"""How a program ends: a user's mistake is one line and exit status 1, a signal ends it at once and cleanly."""
+"""How a program ends: a user's mistake gives one line and exit status 1; a signal ends it at once and cleanly."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from .files import abandon
 
 
 def run(main: Callable[[], None]) -> NoReturn:
-    """Run ``main`` and exit: 0 on success, 1 with one line on a user's mistake.
+    """Run ``main`` and exit: with 0 on success, with 1 and one line of text on a user's mistake.
 
-    A signal ends it with 130 (Ctrl-C), 143 (SIGTERM) or 129 (SIGHUP).
+    A signal ends the process with 130 (Ctrl-C), 143 (SIGTERM) or 129 (SIGHUP).
     """
     for stream in ("stdout", "stderr"):
         if getattr(sys, stream) is None:  # closed by the parent process
             setattr(sys, stream, open(os.devnull, "w"))  # noqa: PTH123, SIM115 - until we exit
-    # Flush every line, so that messages keep their order when both streams go to one pipe, and escape what this
-    # output cannot encode, as in the name of a file.
+    # Flush every line, so that messages keep their order when both streams share a pipe. Escape characters that the
+    # output cannot encode, such as those of a file name.
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(line_buffering=True, errors="backslashreplace")
     take_back = interrupts.end_after(_clear_up)
@@ -36,7 +36,7 @@ def run(main: Callable[[], None]) -> NoReturn:
 
 
 def _clear_up() -> None:
-    """Remove unfinished files, child processes and temporary folders: the process ends without any ``finally``."""
+    """Remove unfinished files, child processes and temporary folders: the process ends without running ``finally``."""
     if processes := sys.modules.get("multiprocessing"):
         for process in processes.active_children():
             process.kill()
@@ -49,7 +49,7 @@ def _status(main: Callable[[], None]) -> int:
         main()
         sys.stdout.flush()
     except BrokenPipeError:
-        # The reader of our output went away (`| head`): stop quietly, also at interpreter exit.
+        # Whatever read our output has closed (`| head`): stop quietly, at interpreter exit too.
         _flush_or_drop()
         return 1
     except Exception as error:
@@ -63,7 +63,7 @@ def _status(main: Callable[[], None]) -> int:
 
 
 def _shortage(error: Exception) -> str | None:
-    """What the machine lacks, if ``error`` says that it lacks something, and what to do."""
+    """If ``error`` means that the machine ran out of something: what it was, and what to do."""
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
         return f"cannot write {error.filename or 'the output'}: {error.strerror}; make room there"
     # A device may run out of memory only when a kernel runs. pyopencl is not imported for this.
@@ -77,7 +77,7 @@ def _shortage(error: Exception) -> str | None:
 
 
 def _flush_or_drop() -> None:
-    """Flush standard output; what cannot be written is dropped, or the interpreter would try again at its exit."""
+    """Flush standard output; drop what cannot be written, lest the interpreter try again at exit."""
     try:
         sys.stdout.flush()
     except OSError:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Decision(NamedTuple):
-    """``what`` was ``used`` or skipped, for the reason ``why``."""
+    """``what`` was used or skipped, and ``why``."""
 
     what: str
     used: bool

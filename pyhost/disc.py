@@ -1,7 +1,7 @@
-"""The projected sphere in the image: which pixels it covers, and tiles that cover it.
+"""The projected sphere in the image: which pixels it covers, and the tiles that cover it.
 
-Pixel (i, j) of an R x R image has n_x = a / R and n_y = b / R with the integers a = 2i + 1 - R and
-b = R - 2j - 1; it lies inside if a^2 + b^2 < R^2.
+Pixel (i, j) of an R x R image, i columns from the left and j rows from the top, has n_x = a / R and n_y = b / R with
+the integers a = 2i + 1 - R and b = R - 2j - 1. It lies inside if a^2 + b^2 < R^2.
 """
 
 from __future__ import annotations
@@ -27,12 +27,13 @@ def disc_mask(resolution: int) -> np.ndarray:
 
 
 def disc_tiles(resolution: int, pixels: int, rows: int) -> np.ndarray:
-    """First pixels (x, y) of the tiles that cover the disc, (T, 2) uint32: each ``pixels`` wide, ``rows`` high.
+    """First pixels (x, y) of the tiles that cover the disc, (T, 2) uint32; a tile is ``pixels`` wide, ``rows`` high.
 
-    Tiles of a band of rows start where its widest row starts, so few of their pixels lie outside.
+    Each band of tiles starts where its widest row starts, so that few of its pixels lie outside.
     """
     half = 2 * np.arange(resolution, dtype=np.int64) + 1 - resolution
-    # Pixels of row j are inside for |a| <= reach, a of the parity of R - 1: from `first` to as far from the right end.
+    # In row j, pixels with |a| <= reach are inside; a has the parity of R - 1. They run from `first` to its mirror
+    # image.
     reach = np.sqrt(np.maximum(resolution**2 - half**2 - 1, 0)).astype(np.int64)
     y = np.arange(0, resolution, rows)
     first = np.minimum.reduceat((resolution - reach) // 2, y)
@@ -43,6 +44,6 @@ def disc_tiles(resolution: int, pixels: int, rows: int) -> np.ndarray:
 
 
 def note_tiles(decisions: Decisions, tiles: np.ndarray, resolution: int, pixels: int, rows: int) -> None:
-    """Note that tiles of an image were skipped, if ``tiles`` are fewer than would cover it."""
+    """Note that tiles were skipped, if there are fewer ``tiles`` than cover the whole image."""
     if len(tiles) < -(-resolution // pixels) * -(-resolution // rows):
         decisions.skip("tiles outside the disc", "no pixel there shows the sphere")

@@ -1,18 +1,18 @@
-"""The one exception for what a user can put right, and text for its messages."""
+"""The one exception for what a user can put right, and helpers for the text of its messages."""
 
 from __future__ import annotations
 
 
 class LightdomeError(Exception):
-    """A mistake in the input or the machine, told in one line that says what to do.
+    """A problem with the input or the machine, described in one line that says what to do.
 
-    Scripts print it without a traceback and exit with status 1. Everything else that is
-    raised is a defect of lightdome and keeps its traceback.
+    Scripts print it without a traceback and exit with status 1. Any other exception is a defect of lightdome and keeps
+    its traceback.
     """
 
 
 def shown(text: object) -> str:
-    """Text that prints on one line: characters that do not print, or move the cursor, are escaped as in Python."""
+    """Text on one line: unprintable characters, and those that move the cursor, are escaped as in Python."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(text))
 
 
@@ -27,6 +27,6 @@ def quoted(text: str) -> str:
 
 
 def one_line(message: object) -> str:
-    """Another library's message for use in a :class:`LightdomeError`: its first line, printable and not too long."""
+    """The first line of another library's message, printable and not too long, for a :class:`LightdomeError`."""
     lines = str(message).strip().splitlines() or ["no reason given"]
     return shown(lines[0][:200])[:200]

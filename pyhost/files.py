@@ -12,7 +12,7 @@ from pathlib import Path
 
 from .errors import LightdomeError
 
-# What :func:`abandon` removes, which may be called from any thread, as the process ends without unwinding.
+# The files that :func:`abandon` removes. Any thread may call it, as the process ends without unwinding the stack.
 _unfinished: set[Path] = set()
 
 
@@ -20,10 +20,9 @@ _unfinished: set[Path] = set()
 def replacing(path: str | Path) -> Iterator[Path]:
     """Yield a temporary file beside ``path``; rename it to ``path`` if the block succeeds.
 
-    The temporary name starts with a dot and keeps the suffix, so that writers that choose a
-    format by the suffix work. If the block raises, nothing is left; a process that is killed with SIGKILL
-    leaves the hidden file behind. Errors of the operating system (a full disk, no permission) are raised as
-    :class:`LightdomeError`.
+    The temporary name starts with a dot and keeps the suffix, so that writers that choose a format by the suffix work.
+    If the block raises, nothing is left behind; a process killed with SIGKILL leaves the hidden file. Errors of the
+    operating system (a full disk, no permission) are raised as :class:`LightdomeError`.
     """
     path = Path(path)
     if not path.name:
@@ -52,7 +51,7 @@ def write_json(path: str | Path, content: Mapping[str, object], allow_nan: bool 
 
 
 def write_table(path: str | Path, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Write ``rows`` of values under the names of their ``columns`` as CSV; None is blank."""
+    """Write ``rows`` as CSV below a line with the names of the ``columns``; None becomes a blank."""
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(columns)
@@ -60,14 +59,14 @@ def write_table(path: str | Path, columns: Sequence[str], rows: Iterable[Sequenc
 
 
 def abandon() -> None:
-    """Remove all temporary files of :func:`replacing`: the process is about to end."""
+    """Remove all temporary files of :func:`replacing`, when the process is about to end."""
     for temporary in list(_unfinished):
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
 
 
 def utf8_name(path: Path) -> str:
-    """``path`` as a text for a library that takes only UTF-8 names, whatever the locale's encoding is.
+    """``path`` as text for a library that takes only UTF-8 names, whatever the locale's encoding.
 
     Raises :class:`LightdomeError` if the name is not UTF-8.
     """
@@ -80,5 +79,5 @@ def utf8_name(path: Path) -> str:
 
 
 def cannot_write(path: Path, reason: str) -> LightdomeError:
-    """The error that says so, and what to do."""
+    """The error for a file that cannot be written, with what to do."""
     return LightdomeError(f"cannot write {path}: {reason}; make room there or choose another folder")

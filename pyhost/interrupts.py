@@ -1,9 +1,9 @@
 """Ends a script on Ctrl-C (SIGINT), SIGTERM or a closed terminal (SIGHUP) at any moment: exit status 130, 143 or 129.
 
-Python would raise an exception, and three things speak against that: during a long call into a library nothing is
-raised until it returns; a C++ library that calls Python, as some do while they load, aborts when an exception comes
-back; and unwinding frees memory that kernels still write to. So nothing is raised: the process cleans up where it
-stands and ends. If the main thread does not react within :data:`GRACE`, another thread does the same.
+Python would raise an exception instead, which is wrong here for three reasons: during a long call into a library,
+nothing is raised until the call returns; a C++ library that calls Python, as some do while they load, aborts when an
+exception comes back; and unwinding frees memory that kernels still write to. So nothing is raised: the process cleans
+up and ends on the spot. If the main thread does not react within :data:`GRACE`, another thread does it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import os
 import signal
 import sys
 
-TYPE_CHECKING = False  # typing takes long to load, and until this module is loaded nothing cleans up
+TYPE_CHECKING = False  # typing is slow to import, and nothing cleans up until this module is loaded
 if TYPE_CHECKING:
     from collections.abc import Callable
     from types import FrameType
@@ -33,9 +33,9 @@ def _end(number: int, clear_up: Callable[[], None] | None) -> None:
 
 
 def end_after(clear_up: Callable[[], None]) -> Callable[[], None]:
-    """Make a signal call ``clear_up`` and end the process, until the function that is returned is called.
+    """Make a signal call ``clear_up`` and end the process, until the returned function is called.
 
-    ``clear_up`` runs between any two steps of the program, or in another thread during a call into a library.
+    ``clear_up`` runs between any two steps of the program; during a call into a library, it runs in another thread.
     """
     import select
     import threading
@@ -48,11 +48,11 @@ def end_after(clear_up: Callable[[], None]) -> Callable[[], None]:
     def hear(number: int, frame: FrameType | None) -> None:
         for each in SIGNALS:  # cleaning up must not be interrupted
             signal.signal(each, signal.SIG_IGN)
-        _end(number, clear_up if os.getpid() == process else None)  # a fork owns nothing to clean up
+        _end(number, clear_up if os.getpid() == process else None)  # a forked child has nothing of its own to clean up
 
     def watch() -> None:
         heard = os.read(reading, 1)
-        if heard and not select.select([reading], [], [], GRACE)[0]:  # readable once it has been closed
+        if heard and not select.select([reading], [], [], GRACE)[0]:  # readable once `take_back` closes the other end
             clearing = threading.Thread(target=clear_up, daemon=True)
             clearing.start()
             clearing.join(GRACE)
@@ -62,7 +62,7 @@ def end_after(clear_up: Callable[[], None]) -> Callable[[], None]:
     wakeup = signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
     threading.Thread(target=watch, daemon=True).start()
     for number in SIGNALS:
-        if before[number] is not signal.SIG_IGN:  # as a shell has it for what runs in its background
+        if before[number] is not signal.SIG_IGN:  # as a shell does for background jobs
             signal.signal(number, hear)
 
     def take_back() -> None:
@@ -75,7 +75,7 @@ def end_after(clear_up: Callable[[], None]) -> Callable[[], None]:
 
 
 class Unheard:
-    """A ``with`` block: threads and processes started in it, and whatever those start, never receive a signal."""
+    """A ``with`` block: threads and processes started in it, and their own children, never receive a signal."""
 
     def __enter__(self) -> None:
         if hasattr(signal, "pthread_sigmask"):  # not on Windows

@@ -1,4 +1,4 @@
-"""Matplotlib for plots in files, whatever backend and settings the environment asks for, and the plots' colours.
+"""Matplotlib for plots in files, independent of the user's backend and settings; the plots' colours.
 
 Import it before matplotlib.
 """
@@ -19,7 +19,7 @@ from .files import replacing
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Okabe and Ito's colours, told apart by colour-blind readers; markers tell them apart in grey.
+# Okabe and Ito's colours, which colour-blind readers can tell apart; in grey, the markers differ.
 BLACK, BLUE, VERMILLION = "#000000", "#0072B2", "#D55E00"
 COLOURS = [BLUE, VERMILLION, "#009E73", "#CC79A7", "#E69F00", "#56B4E9", BLACK, "#999933"]
 MARKERS = ["o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "h", "p"]
@@ -28,7 +28,7 @@ UNDATED = {".png": {"Software": None}, ".svg": {"Date": None}}
 
 
 def _import() -> None:
-    """Import matplotlib, even if ``MPLBACKEND`` names a backend that is not installed, as Jupyter leaves behind."""
+    """Import matplotlib even if ``MPLBACKEND``, which Jupyter sets, names a backend that is not installed."""
     backend = os.environ.pop("MPLBACKEND", None)
     log = logging.getLogger("matplotlib")
     level = log.level
@@ -39,8 +39,8 @@ def _import() -> None:
         import matplotlib.style
     except (OSError, ValueError) as error:
         raise LightdomeError(
-            f"matplotlib does not start ({one_line(error)}); fix or remove the file matplotlibrc that it reads, or set"
-            " MPLCONFIGDIR to a folder that can be written"
+            f"matplotlib does not start ({one_line(error)}); fix or remove its matplotlibrc file, or set"
+            " MPLCONFIGDIR to a writable folder"
         ) from error
     finally:
         log.setLevel(level)
@@ -57,19 +57,19 @@ import matplotlib.style  # noqa: E402
 
 @contextlib.contextmanager
 def plain(**settings: object) -> Iterator[None]:
-    """Matplotlib's own look and ``settings``, whatever the user's settings: for a block, or as a decorator."""
+    """Use matplotlib's defaults and ``settings``, not the user's: as a ``with`` block or a decorator."""
     with matplotlib.style.context(["default", settings]), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph")  # a name in characters that the font lacks
+        warnings.filterwarnings("ignore", "Glyph")  # a file's name may have characters that the font lacks
         yield
 
 
 def text(label: str) -> str:
-    """``label``, which may be a file's name, as matplotlib should draw it: no mathematics, no control characters."""
+    """``label``, perhaps a file's name, for matplotlib to draw as it is: no mathematics, no control characters."""
     return shown(label).replace("$", r"\$")
 
 
 def save_figure(figure: Figure, path: Path, dpi: int = 150, **settings: object) -> None:
-    """Write ``figure`` as the suffix of ``path`` says, drawn with ``settings``; the same figure gives the same bytes.
+    """Write ``figure`` in the format of ``path``'s suffix; the same figure always gives the same bytes.
 
     Raises :class:`LightdomeError` if the file cannot be written.
     """

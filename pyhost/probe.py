@@ -1,4 +1,4 @@
-"""``python -m lightdome.probe``: one OpenCL device, in a process that may die, by :mod:`lightdome.opencl.probe`."""
+"""``python -m lightdome.probe``: try an OpenCL device in a process that may crash, by :mod:`lightdome.opencl.probe`."""
 
 from .console import run
 from .opencl.probe import main

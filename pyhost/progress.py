@@ -1,4 +1,4 @@
-"""Progress of long work: a bar on a terminal, elsewhere a line now and then."""
+"""Progress of long work: a bar on a terminal, an occasional line elsewhere."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import ClassVar
 
 PATIENCE = 2.0  # seconds before the bar appears on a terminal
 LINE_PATIENCE = 5.0  # seconds before the first line in a pipe, a log or a notebook
-LINE_PAUSE = 30.0  # least seconds between two lines there
+LINE_PAUSE = 30.0  # seconds between two such lines, at least
 
 
 class Progress:
-    """Shows ``label``, how far the work is and the time left on standard error.
+    """Shows ``label``, the progress and the time left on standard error.
 
-    On a terminal this is a bar that appears after two seconds. Elsewhere it is a line after five seconds and then at
-    most one every 30 seconds, however deeply the work is nested. Use as a context manager and call :meth:`update` with
-    the fraction done, 0 to 1.
+    On a terminal this is a bar, which appears after two seconds. Elsewhere it is a line of text, the first after five
+    seconds and then at most one every 30 seconds, however deeply the work is nested. Use it as a context manager and
+    call :meth:`update` with the fraction done, 0 to 1.
     """
 
     _active: ClassVar[list[Progress]] = []  # the outermost first

@@ -1,8 +1,8 @@
-"""Float64 numpy references, written from the equations and sharing no code with the device's host.
+"""Float64 numpy references, written from the equations; they share no code with the rest of lightdome.
 
-Slow and plain on purpose: this is what the kernels, and other renderers, are checked against.
-Conventions: row 0 is theta = 0, directions are (sin theta cos phi, cos theta, sin theta sin phi), the
-camera looks along -z. See Pharr, Jakob, Humphreys, 4th ed., A.4, A.5 and 12.5.
+They are slow and plain on purpose: kernels, and other renderers, are checked against them. Conventions: row 0 is at
+theta = 0, directions are (sin(theta) cos(phi), cos(theta), sin(theta) sin(phi)), and the camera looks along -z. See
+Pharr, Jakob, Humphreys, 4th ed., A.4, A.5 and 12.5.
 """
 
 from __future__ import annotations
@@ -47,12 +47,12 @@ def probability(radiance: np.ndarray) -> np.ndarray:
 
 
 def flux(radiance: np.ndarray) -> float:
-    """Phi, the integral of I over the sphere of directions, radiance x steradian."""
+    """Phi, the integral of I over the sphere of directions, in radiance x steradian."""
     return float((luminance(radiance) * pixel_solid_angles(*radiance.shape[:2])).sum())
 
 
 def invert(radiance: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Pixels (x, y) that points (u_x, u_y) in [0, 1)^2 pick, (N, 2): row by p(y), then column by p(x | y)."""
+    """The pixels (x, y) chosen by points (u_x, u_y) in [0, 1)^2, (N, 2): the row by p(y), the column by p(x | y)."""
     p = probability(radiance)
     rows = np.cumsum(p.sum(axis=1))
     result = np.empty((len(points), 2), np.int64)
@@ -75,9 +75,9 @@ def normals(resolution: int) -> np.ndarray:
 def shade(
     normal: np.ndarray, direction: np.ndarray, radiance: np.ndarray, density: np.ndarray, albedo: float = 1.0
 ) -> np.ndarray:
-    """The estimator (albedo / pi) / N sum of L max(0, n . w) / pdf(w) for normals (..., 3): (..., 3).
+    """The estimate (albedo / pi) / N sum of L max(0, n . w) / pdf(w), (..., 3), for normals (..., 3).
 
-    ``direction`` (N, 3), ``radiance`` (N, 3), ``density`` (N,) per steradian.
+    ``direction`` is (N, 3), ``radiance`` (N, 3), and ``density`` (N,) per steradian.
     """
     cosine = np.maximum(normal @ np.asarray(direction, dtype=np.float64).T, 0)
     return albedo / np.pi * cosine @ (radiance / density[:, None]) / len(density)
@@ -96,9 +96,9 @@ def exact(radiance: np.ndarray, normal: np.ndarray, albedo: float = 1.0) -> np.n
 def exact_areas(radiance: np.ndarray, normal: np.ndarray, albedo: float = 1.0, nodes: int = 16) -> np.ndarray:
     """Radiance of a diffuse surface with normals (M, 3) under a map whose pixels are areas, (M, 3).
 
-    Over theta, Gauss-Legendre quadrature with ``nodes`` between neighbouring kinks of the integrand: the edges of rows,
-    where the horizon crosses a column's edge, and the horizon's highest and lowest points. Over phi it is exact: on a
-    latitude, n . w = a cos(phi - phi_n) + b is above 0 on one arc.
+    Over theta this is Gauss-Legendre quadrature with ``nodes`` nodes between neighbouring kinks of the integrand, which
+    are the edges of rows, the points where the horizon crosses a column's edge, and the horizon's highest and lowest
+    points. Over phi it is exact: along a latitude, n . w = a cos(phi - phi_n) + b is positive on a single arc.
     """
     height, width = radiance.shape[:2]
     edge = 2 * np.pi * np.arange(width + 1) / width
@@ -113,7 +113,7 @@ def exact_areas(radiance: np.ndarray, normal: np.ndarray, albedo: float = 1.0, n
         row = np.minimum((middle / np.pi * height).astype(int), height - 1)
         used = np.isin(row, lit)
         middle, half, row = middle[used, None], half[used, None], row[used]
-        # theta = middle + half sin(pi x / 2): roots at the ends of an interval become smooth.
+        # theta = middle + half sin(pi x / 2): smooths square roots at the ends of an interval.
         theta = middle + half * np.sin(np.pi / 2 * x)
         d_theta = half * np.pi / 2 * np.cos(np.pi / 2 * x) * weight
         a, b = (s * np.sin(theta))[..., None], (n_y * np.cos(theta))[..., None]
@@ -129,7 +129,7 @@ def exact_areas(radiance: np.ndarray, normal: np.ndarray, albedo: float = 1.0, n
 def relative_rmse(image: np.ndarray, reference: np.ndarray) -> float:
     """sqrt(mean((image - reference)^2)) / sqrt(mean(reference^2)) over the disc of (R, R, 3) images.
 
-    Raises :class:`LightdomeError` for images of other shapes, or of two sizes.
+    Raises :class:`LightdomeError` for images of any other shape, or of different sizes.
     """
     shape = np.shape(image)
     if shape != np.shape(reference) or shape != (*shape[:1] * 2, 3):
@@ -140,7 +140,7 @@ def relative_rmse(image: np.ndarray, reference: np.ndarray) -> float:
 
 
 def sine_and_cosine(angle: float) -> tuple[Decimal, Decimal]:
-    """(sin, cos) by Taylor's series in the digits of the context, for angles up to 2 radians."""
+    """(sin, cos) by Taylor series, to the precision of the decimal context, for angles up to 2 radians."""
     x, term = Decimal(angle), Decimal(1)
     sums = [Decimal(0), Decimal(0)]  # even powers: cosine, odd powers: sine
     for k in range(60):

@@ -1,15 +1,15 @@
-"""Every script imports this first: Ctrl-C, SIGTERM and SIGHUP then end it at once, and it finds the Python of .venv.
+"""Imported first by every script: lets Ctrl-C, SIGTERM and SIGHUP end it at once, and finds the Python of .venv.
 
-If the Python that runs a script has no lightdome, the script starts again with that of .venv, where scripts/demo
-installs it. This file, and the syntax of the scripts, stay within Python 3.6: one that is too old for lightdome must
-not end in a traceback.
+If the Python that runs a script has no lightdome, the script starts again with the Python of .venv, where scripts/demo
+installs lightdome. This file, and the syntax of the scripts, must stay within Python 3.6, so that a Python too old for
+lightdome does not end in a traceback.
 """
 
 import os
 import signal
 import sys
 
-# Otherwise a test has imported it.
+# If not a script, then a test imports this.
 FOLDER = os.path.dirname(os.path.realpath(__file__))  # noqa: PTH120
 IS_SCRIPT = os.path.dirname(os.path.realpath(sys.argv[0])) in (FOLDER, os.path.join(os.path.dirname(FOLDER), "data"))  # noqa: PTH118, PTH120
 
@@ -17,7 +17,7 @@ SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if 
 
 if IS_SCRIPT:
     for _number in SIGNALS:
-        if signal.getsignal(_number) is not signal.SIG_IGN:  # as a shell has it for what runs in its background
+        if signal.getsignal(_number) is not signal.SIG_IGN:  # as a shell does for background jobs
             signal.signal(_number, lambda number, _: os._exit(128 + number))
     if hasattr(signal, "pthread_sigmask"):  # not on Windows
         signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)  # blocked by go_on_in_venv
@@ -32,7 +32,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 def has_lightdome() -> bool:
-    """Whether this Python can run lightdome; a folder of that name without a package in it does not count."""
+    """Whether this Python can run lightdome; a folder of that name that is not a package does not count."""
     if sys.version_info < (3, 10):  # noqa: UP036 - an older one may well run this
         return False
     found = importlib.util.find_spec("lightdome")
@@ -43,8 +43,8 @@ def go_on_in_venv() -> None:
     """Run the same command with the Python of .venv; return if there is none, or if it is already running."""
     python = str(ROOT / ".venv" / "bin" / "python")
     if sys.executable != python and os.access(python, os.X_OK) and os.environ.get("LIGHTDOME_VENV") != python:
-        os.environ["LIGHTDOME_VENV"] = python  # once: it may be a wrapper round a Python of another name
-        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)  # kept until that Python can handle them
+        os.environ["LIGHTDOME_VENV"] = python  # try only once: it may be a wrapper around a Python of another name
+        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)  # delivered once that Python can handle them
         with contextlib.suppress(OSError):
             os.execv(python, [python, *getattr(sys, "orig_argv", ["", *sys.argv])[1:]])
 
@@ -57,7 +57,7 @@ if not has_lightdome():
 
 
 def command(name: str) -> None:
-    """Run ``lightdome.commands``'s ``name``, and exit."""
+    """Run the command in ``lightdome.commands.name``, and exit."""
     from lightdome import console
 
     console.run(importlib.import_module(f"lightdome.commands.{name}").main)

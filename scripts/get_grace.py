@@ -1,16 +1,16 @@
 #!/usr/bin/env python3
 """Fetch the Grace Cathedral light probe (Paul Debevec, 1998/1999).
 
-Standard library only, so that it runs before anything is installed. The file appears under its name only when its size
-and SHA-256 are right.
+Standard library only, so that it runs before anything is installed. The file appears under its final name only if its
+size and SHA-256 are right.
 """
 
 import os
 import signal
 
-if __name__ == "__main__":  # before anything else, for Ctrl-C to be heard while the rest is loaded
+if __name__ == "__main__":  # before the other imports, so that Ctrl-C works while they load
     for _number in (signal.SIGINT, signal.SIGTERM):
-        if signal.getsignal(_number) is not signal.SIG_IGN:  # as a shell has it for what runs in its background
+        if signal.getsignal(_number) is not signal.SIG_IGN:  # as a shell does for background jobs
             signal.signal(_number, lambda number, _: os._exit(128 + number))
 
 import argparse
@@ -24,29 +24,29 @@ from pathlib import Path
 URL = "https://raw.githubusercontent.com/mmp/pbrt-v2/master/scenes/textures/grace_latlong.exr"
 SIZE = 1_726_329
 SHA256 = "7c017bce200658354d72774712e51f039d472aa1399a91c2d0e3eb81ca909079"
-SILENCE = 20  # seconds without a byte, or to connect
-ELSEWHERE = "try again, or get the file some other way and pass it with --from FILE"
+SILENCE = 20  # seconds to wait for a connection or for a byte
+ELSEWHERE = "try again, or get the file elsewhere and pass it with --from FILE"
 
 
 def read(source: str, size: int) -> bytes:
-    """What ``source``, a URL or a path, holds, but no more than a byte over ``size``.
+    """The content of ``source``, a URL or a path, up to one byte more than ``size``.
 
-    Raises SystemExit with one line where it cannot be read.
+    Raises SystemExit with one line if it cannot be read.
     """
     is_url = source.startswith(("http://", "https://"))
     try:
         with urllib.request.urlopen(source, timeout=SILENCE) if is_url else Path(source).open("rb") as stream:
             return stream.read(size + 1)
     except (OSError, http.client.HTTPException, ValueError) as error:
-        # A server's answer may hold line breaks and escape sequences.
+        # A server's reply may contain line breaks and escape sequences.
         reason = "".join(c if c.isprintable() else "?" for c in str(getattr(error, "strerror", None) or error))
         sys.exit(f"get_grace: cannot read {source}: {reason}; {ELSEWHERE}")
 
 
 def fetch(source: str, out: Path, size: int = SIZE, sha256: str = SHA256) -> None:
-    """Copy ``source``, a URL or a path, to ``out`` if it has this size and sum.
+    """Copy ``source``, a URL or a path, to ``out`` if it has this size and SHA-256.
 
-    Raises SystemExit with one line, and leaves ``out`` as it was, if anything is wrong.
+    If anything is wrong, raises SystemExit with one line, and leaves ``out`` as it was.
     """
     content = read(source, size)
     if len(content) != size:
@@ -55,7 +55,7 @@ def fetch(source: str, out: Path, size: int = SIZE, sha256: str = SHA256) -> Non
     digest = hashlib.sha256(content).hexdigest()
     if digest != sha256:
         sys.exit(f"get_grace: {source} is not the Grace map: its SHA-256 is {digest}, expected {sha256}; {ELSEWHERE}")
-    if out.exists() and not out.is_file():  # a device would be replaced
+    if out.exists() and not out.is_file():  # it would replace a device
         sys.exit(f"get_grace: cannot write {out}: it is not a regular file; choose another file with --out")
     temporary = out.with_name(f".{out.name}.part")
     try:
@@ -75,14 +75,14 @@ def main() -> None:
         epilog="example: scripts/get_grace.py --from ~/Downloads/grace_latlong.exr",
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
-    parser.add_argument("--from", dest="source", default=URL, metavar="FILE_OR_URL", help="where to get it")
-    parser.add_argument("--out", type=Path, default=out, metavar="FILE", help="the file to write")
+    parser.add_argument("--from", dest="source", default=URL, metavar="FILE_OR_URL", help="where to get the map")
+    parser.add_argument("--out", type=Path, default=out, metavar="FILE", help="file to write")
     arguments = parser.parse_args()
     if arguments.out.is_file() and hashlib.sha256(arguments.out.read_bytes()).hexdigest() == SHA256:
-        print(f"{arguments.out} is already there and is the right file: nothing to do")
+        print(f"{arguments.out} already exists and is the right file: nothing to do")
         return
     fetch(arguments.source, arguments.out)
-    print(f"wrote {arguments.out}: the Grace Cathedral light probe by Paul Debevec, {SIZE:,} bytes, sum checked")
+    print(f"wrote {arguments.out}: the Grace Cathedral light probe by Paul Debevec, {SIZE:,} bytes, checksum verified")
 
 
 if __name__ == "__main__":

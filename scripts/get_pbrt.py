@@ -22,7 +22,7 @@ CRATE, VERSION = "pbrt-r4", "4.5.2"
 
 
 def installed(folder: Path) -> "Pbrt | None":
-    """The program in ``folder``, if it is there in this version and starts."""
+    """The program in ``folder``, if it is this version and runs."""
     try:
         program = find_pbrt(folder / "bin" / CRATE)
     except LightdomeError:
@@ -31,11 +31,11 @@ def installed(folder: Path) -> "Pbrt | None":
 
 
 def main() -> None:
-    """Have cargo build it, unless it is there."""
+    """Build it with cargo, unless it is installed already."""
     parser = argparse.ArgumentParser(
         description="Install pbrt-r4, a port of PBRT-v4 in Rust, into lightdome's cache, where part 4, the benchmark"
         " and the report find it. Needs cargo and a network; takes about five minutes on two cores. To remove it,"
-        " delete the folder that it names.",
+        " delete the folder that it prints.",
         epilog="example: scripts/get_pbrt.py --out ~/pbrt",
     )
     parser.add_argument(
@@ -48,14 +48,14 @@ def main() -> None:
     folder = parser.parse_args().out.absolute()
     program = installed(folder)
     if program:
-        print(f"{program.name} is there: {program.path}")
+        print(f"{program.name} is already installed: {program.path}")
         return
     cargo = shutil.which("cargo")
     if cargo is None:
-        raise LightdomeError("there is no cargo on PATH; install Rust (https://rustup.rs), then run this again")
+        raise LightdomeError("no cargo on PATH; install Rust (https://rustup.rs), then run this again")
     print(f"installing {CRATE} {VERSION} into {folder}: about five minutes on two cores", flush=True)
     command = [cargo, "install", CRATE, "--version", VERSION, "--locked", "--no-default-features", "--bin", CRATE]
-    # Without optimisation, the programs that generate its code take many times as long as it takes to compile them.
+    # Without optimisation, the programs that generate its code take far longer to run than to compile.
     environment = {**os.environ, "CARGO_PROFILE_RELEASE_BUILD_OVERRIDE_OPT_LEVEL": "2"}
     try:
         process = subprocess.Popen(

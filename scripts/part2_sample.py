@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Part 2: draw light directions from an environment map and show where they fell."""
+"""Part 2: draw light directions from an environment map and show where they fall."""
 
 import os
 import sys

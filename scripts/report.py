@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The written report as PDF, and a zip of it and all images, from what is there or from fresh runs."""
+"""The written report as PDF, and a zip of it and all images, from existing results or from fresh runs."""
 
 import os
 import sys

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Roofline: what the machine can do at most, and each stage's share of it, at all sizes."""
+"""Roofline: the machine's limits, and how close each stage comes to them, at all sizes."""
 
 import os
 import sys

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Stability: what becomes of a sampler on maps that break samplers, measured against float64."""
+"""Stability: how samplers cope with maps that break samplers, measured against float64."""
 
 import os
 import sys

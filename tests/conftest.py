@@ -1,4 +1,4 @@
-"""What the tests share: a device, small maps, Grace where it is, and a way to run the scripts."""
+"""What the tests share: a device, small maps, Grace if it is there, and ways to run scripts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def pytest_configure() -> None:
-    """Let programs that tests start hear signals that a background job's shell, or nohup, had the suite ignore."""
+    """Let programs started by tests receive signals, even if a shell or nohup made the suite ignore them."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
@@ -55,7 +55,7 @@ def grace() -> EnvironmentMap:
 
 @pytest.fixture(scope="session")
 def program() -> Pbrt:
-    """A real PBRT: that of the environment variable LIGHTDOME_PBRT, else what part 4 finds."""
+    """A real PBRT: the one that the environment variable LIGHTDOME_PBRT names, else the one that part 4 finds."""
     try:
         return find_pbrt(os.environ.get("LIGHTDOME_PBRT"))
     except LightdomeError as error:
@@ -66,13 +66,13 @@ def program() -> Pbrt:
 
 @pytest.fixture(scope="session")
 def stiff() -> EnvironmentMap:
-    """A small map that is hard: odd sizes, 10 orders of magnitude, holes."""
+    """A small map that is hard to sample: odd sizes, 10 orders of magnitude, black pixels."""
     return EnvironmentMap(stiff_radiance(21, 43))
 
 
 @pytest.fixture(scope="session")
 def script() -> Script:
-    """Run ``scripts/NAME.py`` with arguments in a process of its own."""
+    """Run ``scripts/NAME.py`` with arguments in its own process."""
 
     def run(name: str, *args: object, **environment: str) -> subprocess.CompletedProcess[str]:
         command = command_line(name, *args)
@@ -83,7 +83,7 @@ def script() -> Script:
 
 @pytest.fixture
 def run_here(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Script:
-    """Run a command as ``script`` does, but in this process, whose modules are loaded; its output is the point."""
+    """Run a command as ``script`` does, but in this process, where modules are loaded already."""
 
     def run(name: str, *args: object) -> subprocess.CompletedProcess[str]:
         words = [f"{name}.py", *map(str, args)]
@@ -98,7 +98,7 @@ def run_here(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 
 @pytest.fixture
 def drawn(monkeypatch: pytest.MonkeyPatch) -> dict[str, Figure]:
-    """Figures that would be saved, by the stems of their files: the files stay empty, since drawing takes long."""
+    """Collects figures to be saved, by the stems of their files; the files stay empty, because drawing is slow."""
     import lightdome.plotting  # noqa: F401 (it loads matplotlib whatever backend is asked for)
     from matplotlib.figure import Figure
 

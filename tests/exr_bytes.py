@@ -1,4 +1,4 @@
-"""OpenEXR files packed by hand, as the format's document says: plain scan lines, any channels, attributes and parts."""
+"""OpenEXR files packed by hand, by the format's document: plain scan lines, any channels, attributes and parts."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ def attribute(name: str, kind: str, value: bytes) -> bytes:
 
 @dataclass
 class Part:
-    """``channels`` are planes (h, w) of float16, float32 or uint32; one smaller than the window is subsampled."""
+    """``channels`` are planes (h, w) of float16, float32 or uint32; a plane smaller than the window is subsampled."""
 
     channels: Mapping[str, np.ndarray]
     name: str = ""
     attributes: Mapping[str, tuple[str, bytes]] = field(default_factory=dict)  # name: (type, value)
     window: Box | None = None
     display: Box | None = None
-    deep: bool = False  # every pixel without a sample
+    deep: bool = False  # a deep part, with no samples in any pixel
 
     def __post_init__(self) -> None:
         height, width = max(plane.shape for plane in self.channels.values())
@@ -60,7 +60,7 @@ class Part:
         return b"".join(attribute(name, *rest) for name, rest in attributes.items()) + b"\0"
 
     def chunks(self) -> list[bytes]:
-        """One for each scan line, without the part's number."""
+        """A chunk per scan line, without the part's number."""
         result = []
         for y in range(self.height):
             start = struct.pack("<i", self.window[1] + y)

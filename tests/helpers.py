@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.util
 import os
 import subprocess
@@ -14,17 +15,20 @@ from types import ModuleType
 
 import numpy as np
 import OpenImageIO as oiio
-from lightdome.opencl.device import Device
+from lightdome.opencl.device import Device, open_device
 from lightdome.opencl.programs import Programs
 
 ROOT = Path(__file__).resolve().parent.parent
-LONG = 600.0  # seconds in which a child that does not hang has ended, however slow or shared the machine is
+LONG = 600.0  # seconds in which a child that does not hang ends, however slow or busy the machine
 GRACE = Path(os.environ.get("LIGHTDOME_GRACE", ROOT / "data" / "grace_latlong.exr"))
-CHROMA_IS_HIDDEN = oiio.VERSION < 30200  # by OpenImageIO, whose versions before say R, G, B and then fail
+CHROMA_IS_HIDDEN = oiio.VERSION < 30200  # by OpenImageIO before 3.2, which reports R, G, B and then fails
+
+# For commands that run in this process: to open the device for each, with its kernels, would take half of the time.
+open_once = functools.cache(open_device)
 
 
 class SmallLaunches:
-    """Of a device: launches have three work-items at most, or three samples per pixel. All work is long work."""
+    """Part of a device whose launches have at most three work-items or samples per pixel: all work is long."""
 
     def items_per_launch(self, work: int, work_per_item: int) -> int:
         return 3
@@ -32,7 +36,7 @@ class SmallLaunches:
 
 @dataclass(frozen=True)
 class GpuShaped(Device):
-    """A device that says it is a GPU: kernels take that shape, and nothing stays in the host's memory."""
+    """A device that claims to be a GPU: kernels take that shape, and arrays are copied to device memory."""
 
     shares_host_memory = False
 
@@ -42,19 +46,19 @@ class GpuShaped(Device):
 
 
 def with_small_launches(device: Device) -> Device:
-    """``device``, with its shape and its kernels, and with :class:`SmallLaunches`."""
+    """A copy of ``device`` with :class:`SmallLaunches`."""
     kind = type("SmallLaunchesOf", (SmallLaunches, type(device)), {})
     return kind(**{f.name: getattr(device, f.name) for f in fields(device)})
 
 
 def in_gpu_shape(device: Device) -> Device:
-    """``device`` as :class:`GpuShaped`; its kernels are compiled as for a GPU."""
+    """A copy of ``device`` that is :class:`GpuShaped`, with kernels compiled as for a GPU."""
     programs = Programs(device.context, FUSED=int(device.rates.is_fused))
     return GpuShaped(**{f.name: getattr(device, f.name) for f in fields(device)} | {"programs": programs})
 
 
 def stiff_radiance(height: int, width: int, seed: int = 1) -> np.ndarray:
-    """Log-normal noise of a large spread, with black pixels, a black row and coloured light."""
+    """Log-normal noise with a large spread, black pixels, a black row and coloured light."""
     rng = np.random.default_rng(seed)
     radiance = np.exp(rng.normal(0, 3, (height, width, 3))).astype(np.float32)
     radiance[rng.random((height, width)) < 0.2] = 0
@@ -63,7 +67,7 @@ def stiff_radiance(height: int, width: int, seed: int = 1) -> np.ndarray:
     return radiance
 
 
-# The first lines of a Python program that a test writes: a path with a space cannot follow #! itself.
+# The first lines of a Python program written by a test: a path with a space cannot follow #! itself.
 PYTHON_PROGRAM = f"""#!/bin/sh
 ''':'
 exec "{sys.executable}" "$0" "$@"
@@ -74,7 +78,7 @@ Script = Callable[..., subprocess.CompletedProcess[str]]
 
 
 def fails_in_one_line(result: subprocess.CompletedProcess[str], *words: str) -> None:
-    """Assert the manners of a user's mistake: exit status 1, one line that holds ``words``."""
+    """Assert how a user's mistake is reported: exit status 1, one line that contains ``words``."""
     assert result.returncode == 1, result.stderr
     assert "Traceback" not in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1, result.stderr
@@ -86,18 +90,18 @@ SCRIPTS = sorted(path.stem for path in (ROOT / "scripts").glob("[!_]*.py"))
 
 
 def script_path(name: str) -> Path:
-    """The file of a script, in scripts/ or beside the map that it makes."""
+    """The file of a script, in scripts/ or next to the map that it makes."""
     (path,) = (path for path in (ROOT / "scripts" / f"{name}.py", ROOT / "data" / f"{name}.py") if path.exists())
     return path
 
 
 def command_line(name: str, *arguments: object) -> list[str]:
-    """What runs a script in a process of its own."""
+    """The command line that runs a script in its own process."""
     return [sys.executable, *map(str, (script_path(name), *arguments))]
 
 
 def module_of(name: str) -> ModuleType:
-    """The module of a command, or of a program that is only a script: get_grace, get_pbrt, make_default_map."""
+    """The module of a command, or of a program that is only a script (get_grace, get_pbrt, make_default_map)."""
     if (ROOT / "pyhost" / "commands" / f"{name}.py").exists():
         return import_module(f"lightdome.commands.{name}")
     path = script_path(name)
@@ -107,6 +111,6 @@ def module_of(name: str) -> ModuleType:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
+    sys.modules[spec.name] = module  # dataclasses look up their module
     spec.loader.exec_module(module)
     return module

@@ -1,4 +1,4 @@
-"""Maps of every format, byte for byte by their specifications; ``exr_bytes.py`` has EXR's layers and parts."""
+"""Maps in every format, byte by byte from the specifications; ``exr_bytes.py`` has EXR's layers and parts."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""A renderer of the diffuse sphere in numpy, as a student writes it, right or with one mistake at a time."""
+"""A renderer of the diffuse sphere in numpy, as a student might write it: correct, or with one or more mistakes."""
 
 from __future__ import annotations
 
 import numpy as np
 
-# Each mistake, and what a check of its image must say.
+# Each mistake, and what the check of its image must say.
 MISTAKES = {
     "no sine": "no sin(theta)",
     "sine twice": "sin(theta) twice",
@@ -30,7 +30,7 @@ MISTAKES = {
     "one number": "one random number for row and column",
     "CDF from row 1": "CDF starts at row 1",
     "CDF sorted": "CDF sorted",
-    "zero weights": "agrees",  # of probability zero: no image shows it
+    "zero weights": "agrees",  # only where the probability is zero, which no image shows
     "other row": "row CDF of another row",
     "map encoded": "map gamma-encoded",
     "map decoded": "gamma decoded from linear values",
@@ -42,34 +42,38 @@ MISTAKES = {
     "flat normals": "normals not normalised",
     "normals without root": "normals without their root",
 }
-ALBEDO = {"no albedo over pi": 0.6}  # for the mistakes that no white sphere shows
+ALBEDO = {"no albedo over pi": 0.6}  # for mistakes that a white sphere does not show
 
 
 def render(
-    radiance: np.ndarray, count: int, side: int, seed: int = 0, mistake: str | None = None, albedo: float = 1.0
+    radiance: np.ndarray, count: int, side: int, seed: int = 0, mistake: str = "", albedo: float = 1.0
 ) -> np.ndarray:
-    """The sphere lit by ``count`` samples that all pixels share: (side, side, 3) float32."""
+    """The sphere lit by ``count`` samples that all pixels share: (side, side, 3) float32.
+
+    ``mistake`` is a name of :data:`MISTAKES`, or several with " + " between them.
+    """
+    made = frozenset(mistake.split(" + "))
     L = radiance.astype(np.float64)
-    if mistake == "map clipped":
+    if "map clipped" in made:
         L = np.minimum(L, 1)
-    elif mistake == "map clipped to 255":
+    if "map clipped to 255" in made:
         L = np.minimum(L, 255)
-    elif mistake == "map encoded":
+    if "map encoded" in made:
         L = L ** (1 / 2.2)
-    elif mistake == "map decoded":
+    if "map decoded" in made:
         L = L**2.2
-    elif mistake == "phi backwards":
+    if "phi backwards" in made:
         L = L[:, ::-1]
-    elif mistake == "upside down":
+    if "upside down" in made:
         L = L[::-1]
-    elif mistake == "channels swapped":
+    if "channels swapped" in made:
         L = L[..., ::-1]
-    elif mistake == "yaw":
+    if "yaw" in made:
         L = np.roll(L, L.shape[1] // 4, axis=1)
     height, width = L.shape[:2]
     rng = np.random.default_rng(seed)
     u, v = rng.random(count), rng.random(count)
-    y, x, weight = _pixels(L, u, u if mistake == "one number" else v, mistake)
+    y, x, weight = _pixels(L, u, u if "one number" in made else v, made)
 
     sine = np.sin(np.pi * (np.arange(height) + 0.5) / height)
     area = 2 * np.pi / width * 2 * np.sin(np.pi / 2 / height) * sine
@@ -79,83 +83,83 @@ def render(
     y, x = drawn // width, drawn % width
     with np.errstate(all="ignore"):
         term = np.nan_to_num(L[y, x] / I[y, x, None]) * flux / count
-        if mistake == "p for density":
+        if "p for density" in made:
             term = L[y, x] / (weight[y, x] / weight.sum())[:, None] / count
-        if mistake == "no flux":
+        if "no flux" in made:
             term /= flux
-    image = _shade(_directions(y, x, height, width, mistake), term * times[:, None], side, mistake)
+    image = _shade(_directions(y, x, height, width, made), term * times[:, None], side, made)
     image *= albedo / np.pi
-    if mistake == "no pi":
+    if "no pi" in made:
         image *= np.pi
-    elif mistake == "pi twice":
+    if "pi twice" in made:
         image /= np.pi
-    elif mistake == "no albedo over pi":
+    if "no albedo over pi" in made:
         image *= np.pi / albedo
-    elif mistake == "image encoded":
+    if "image encoded" in made:
         image = np.maximum(image, 0) ** (1 / 2.2)
-    elif mistake == "image clipped":
+    if "image clipped" in made:
         image = np.minimum(image, 1)
-    elif mistake == "rows upside down":
+    if "rows upside down" in made:
         image = image[::-1]
-    elif mistake == "mirrored":
+    if "mirrored" in made:
         image = image[:, ::-1]
     return image.astype(np.float32)
 
 
-def _pixels(L: np.ndarray, u: np.ndarray, v: np.ndarray, mistake: str | None) -> tuple[np.ndarray, ...]:
-    """Rows and columns that are drawn, and the weights by which they are."""
+def _pixels(L: np.ndarray, u: np.ndarray, v: np.ndarray, made: frozenset[str]) -> tuple[np.ndarray, ...]:
+    """The rows and columns drawn, and the weights they are drawn by."""
     height, width = L.shape[:2]
-    weight = L @ np.array([0.2126, 0.7152, 0.0722]) if mistake == "Rec. 709" else L.mean(axis=2)
-    powers = {"no sine": 0, "sine twice": 2}
-    weight = weight * np.sin(np.pi * (np.arange(height) + 0.5) / height)[:, None] ** powers.get(str(mistake), 1)
-    if mistake == "CDF sorted":
+    weight = L @ np.array([0.2126, 0.7152, 0.0722]) if "Rec. 709" in made else L.mean(axis=2)
+    power = 0 if "no sine" in made else 2 if "sine twice" in made else 1
+    weight = weight * np.sin(np.pi * (np.arange(height) + 0.5) / height)[:, None] ** power
+    if "CDF sorted" in made:
         weight = np.sort(weight, axis=1)
-    side = "left" if mistake == "zero weights" else "right"
+    side = "left" if "zero weights" in made else "right"
     rows = np.cumsum(weight.sum(axis=1))
     y = np.searchsorted(rows / rows[-1], u, side=side).clip(max=height - 1)
-    of_row = (y + 1) % height if mistake == "other row" else y
+    of_row = (y + 1) % height if "other row" in made else y
     within = np.cumsum(weight, axis=1)
     within = np.where(within[:, -1:] > 0, within / np.maximum(within[:, -1:], 1e-300), np.arange(1, width + 1) / width)
     flat = (within + np.arange(height)[:, None]).reshape(-1)
     x = (np.searchsorted(flat, of_row + v, side=side) - of_row * width).clip(0, width - 1)
-    if mistake == "CDF from row 1":
+    if "CDF from row 1" in made:
         y = (y + 1) % height
     return y, x, weight
 
 
-def _directions(y: np.ndarray, x: np.ndarray, height: int, width: int, mistake: str | None) -> np.ndarray:
+def _directions(y: np.ndarray, x: np.ndarray, height: int, width: int, made: frozenset[str]) -> np.ndarray:
     theta, phi = np.pi * (y + 0.5) / height, 2 * np.pi * (x + 0.5) / width
-    if mistake == "edges":
+    if "edges" in made:
         theta, phi = np.pi * y / height, 2 * np.pi * x / width
-    elif mistake == "W - 1":
+    if "W - 1" in made:
         theta, phi = np.pi * y / (height - 1), 2 * np.pi * x / (width - 1)
-    elif mistake == "half theta":
+    if "half theta" in made:
         theta = theta / 2
-    elif mistake == "twice theta":
+    if "twice theta" in made:
         theta = theta * 2
-    elif mistake == "half phi":
+    if "half phi" in made:
         phi = phi / 2
-    elif mistake == "x and y swapped":
+    if "x and y swapped" in made:
         theta, phi = np.pi * (x + 0.5) / width, 2 * np.pi * (y + 0.5) / height
     return np.stack([np.sin(theta) * np.cos(phi), np.cos(theta), np.sin(theta) * np.sin(phi)], axis=1)
 
 
-def _shade(direction: np.ndarray, flux: np.ndarray, side: int, mistake: str | None) -> np.ndarray:
+def _shade(direction: np.ndarray, flux: np.ndarray, side: int, made: frozenset[str]) -> np.ndarray:
     """Sums of flux x cosine."""
     a = (2 * np.arange(side) + 1 - side) / side
     x, y = np.meshgrid(a, -a)
     inside = x**2 + y**2 < 1
     normal = np.stack([x, y, np.sqrt(np.maximum(0, 1 - x**2 - y**2))], axis=-1)[inside]
-    if mistake == "flat normals":
+    if "flat normals" in made:
         normal[:, 2] = 1
-    elif mistake == "normals without root":
+    if "normals without root" in made:
         normal[:, 2] **= 2
     pixels = []
     for part in np.array_split(normal, 1 + len(normal) // 2048):
         cosine = part @ direction.T
-        if mistake == "absolute cosine":
+        if "absolute cosine" in made:
             cosine = np.abs(cosine)
-        elif mistake != "cosine not clamped":
+        elif "cosine not clamped" not in made:
             cosine = np.maximum(0, cosine)
         pixels.append(cosine @ flux)
     image = np.zeros((side, side, 3))

@@ -1,4 +1,4 @@
-"""A student's Fresnel equations in numpy, which know nothing of lightdome, and mistakes to make on request."""
+"""A student's Fresnel equations in numpy, independent of lightdome, with mistakes on request."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 def curves(degrees: np.ndarray, eta: float, leaving: bool, mistake: str = "") -> dict[str, np.ndarray]:
-    """Reflectance of unpolarised light, p and s at angles in degrees."""
+    """Reflectance of unpolarised, p and s light at angles in degrees."""
     n_i, n_t = (eta, 1.0) if leaving else (1.0, eta)
     if mistake == "eta inverted":
         n_i, n_t = n_t, n_i

@@ -1,4 +1,4 @@
-"""A student's median cut in numpy, which knows nothing of lightdome, and the mistakes that it can be told to make."""
+"""A student's median cut in numpy, independent of lightdome, with mistakes on request."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A student's solution in numpy, which knows nothing of lightdome, and the mistakes that it can be told to make."""
+"""A student's sampler in numpy, independent of lightdome, with mistakes on request."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def draw(radiance: np.ndarray, points: np.ndarray, mistake: str = "", within: bo
         x = (u * width).astype(int)
     if (
         mistake == "zero-weight pixels drawn"
-    ):  # 0 is found in the first entry, and rounded numbers on an entry before it
+    ):  # 0 finds the first entry, and a number rounded to an entry finds that entry
         few = np.arange(len(u)) % 50 == 0
         x[few], y[few] = np.argwhere(weight == 0)[0][::-1]
     x = x % width

@@ -1,4 +1,4 @@
-"""The exact image is computed once per map, resolution and integral, and never believed blindly."""
+"""The exact image is computed once per map, resolution and integral, and checked when it is read back."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Counted(Programs):
     images = 0
 
     def kernel(self, name: str, **defines: int) -> Kernel:
-        self.images += name in KERNELS.values()  # once an image, of maps as small as these
+        self.images += name in KERNELS.values()  # once per image, for maps as small as these
         return super().kernel(name, **defines)
 
 
@@ -87,7 +87,7 @@ def test_a_damaged_image_is_computed_again(counting: Device, tmp_path: Path) -> 
     assert counting.programs.images == 4
 
 
-def test_without_a_place_nothing_is_kept(counting: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_without_a_folder_nothing_is_kept(counting: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     for _ in range(2):

@@ -1,4 +1,4 @@
-"""Public functions refuse what they cannot use, in one line that says what was expected and what came."""
+"""Public functions refuse what they cannot use, in one line that says what was expected and what was given."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ Given = SimpleNamespace
 
 @pytest.fixture(scope="module")
 def given(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Given:
-    """Sound arguments of every kind."""
+    """Valid arguments of every kind."""
     folder = tmp_path_factory.mktemp("checks")
     write_image(folder / "map.pfm", stiff_radiance(4, 8))
     envmap = EnvironmentMap.read(folder / "map.pfm")
@@ -69,9 +69,9 @@ def with_value(value: float) -> np.ndarray:
     return image
 
 
-# A call that is wrong in one place, and words of what it must say: what was expected, and what came.
+# A call that is wrong in one place, and words that its message must have: what was expected, and what was given.
 WRONG: dict[str, tuple[Callable[[Given], object], tuple[str, ...]]] = {
-    # Exchanged arguments, and things of another type.
+    # Swapped arguments, and arguments of another type.
     "build exchanged": (lambda g: build_distribution(g.envmap, g.device), ("Device", "EnvironmentMap")),
     "build array": (lambda g: build_distribution(g.device, IMAGE), ("EnvironmentMap", "(2, 4, 3)")),
     "exact exchanged": (lambda g: exact(g.envmap, g.device), ("Device", "EnvironmentMap")),
@@ -101,9 +101,9 @@ WRONG: dict[str, tuple[Callable[[Given], object], tuple[str, ...]]] = {
     "pbrt scenes": (lambda g: pbrt.render_scene(pbrt.Pbrt(Path("pbrt"), 4), "a.pbrt"), ("Scene", "'a.pbrt'")),
     # Paths.
     "read None": (lambda g: read_image(None), ("path", "None")),
-    "read nul": (lambda g: read_image("a\0.pfm"), ("no file", "a")),
-    "read half a character": (lambda g: read_image("\ud800.pfm"), ("no file", "ud800")),
-    "save as half a character": (lambda g: g.samples.save("\ud800.npz"), ("no file", "ud800")),
+    "read nul": (lambda g: read_image("a\0.pfm"), ("name of a file", "a")),
+    "read half a character": (lambda g: read_image("\ud800.pfm"), ("name of a file", "ud800")),
+    "save as half a character": (lambda g: g.samples.save("\ud800.npz"), ("name of a file", "ud800")),
     "write to no name": (lambda g: write_csv("", g.lights), ("name",)),
     "load a long name": (lambda g: Samples.load("x" * 260), ("cannot read",)),
     "layer number": (lambda g: read_image(g.folder / "map.pfm", 5), ("layer", "string", "5")),
@@ -209,7 +209,7 @@ WRONG: dict[str, tuple[Callable[[Given], object], tuple[str, ...]]] = {
     "pixels of a kept image": (lambda g: exact_kept(g.device, g.envmap, 4, pixels=3), ("centres, areas", "3")),
     "columns": (lambda g: column_angles(1.5), ("width", "1.5")),
     "solid angles": (lambda g: solid_angles(4, 0), ("width", "0")),
-    # Arrays that are no map, samples, harmonics or image.
+    # Arrays that do not fit a map, samples, harmonics or an image.
     "map of text": (lambda g: EnvironmentMap("map.exr"), ("(H, W, 3)", "'map.exr'")),
     "map of bools": (lambda g: EnvironmentMap(IMAGE > 0), ("real numbers", "bool")),
     "map of objects": (lambda g: EnvironmentMap(IMAGE.astype(object)), ("real numbers", "object")),
@@ -276,7 +276,7 @@ WRONG: dict[str, tuple[Callable[[Given], object], tuple[str, ...]]] = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_a_wrong_argument_is_told_in_one_line(given: Given, name: str) -> None:
+def test_a_wrong_argument_is_reported_in_one_line(given: Given, name: str) -> None:
     call, words = WRONG[name]
     before = sorted(given.folder.iterdir())
     with pytest.raises(LightdomeError) as error:
@@ -342,7 +342,7 @@ def test_checks_cost_no_time(given: Given) -> None:
     assert checked < 0.1 * seconds(lambda: shade(given.device, direction, flux, 127))
 
 
-def test_what_came_is_told_in_few_words() -> None:
+def test_a_wrong_value_is_described_in_few_words() -> None:
     told = checks.told
     assert told(np.zeros((1000, 1000))) == "an array of shape (1000, 1000) and type float64"
     assert len(told("x" * 10**6)) < 100

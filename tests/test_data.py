@@ -25,7 +25,7 @@ MAP = ROOT / "data" / "default.exr"
 
 @pytest.fixture(autouse=True)
 def without_proxies(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Proxies would stand between a test and its server."""
+    """Avoid proxies, which would come between a test and its server."""
     for name in [name for name in os.environ if name.lower().endswith("_proxy")]:
         monkeypatch.delenv(name)
 
@@ -122,7 +122,7 @@ GOOD = {"size": len(BODY), "sha256": hashlib.sha256(BODY).hexdigest()}
 
 
 class Handler(http.server.BaseHTTPRequestHandler):
-    stop: threading.Event  # set when the fixture ends: lets slow answers go
+    stop: threading.Event  # set when the fixture ends, to release slow answers
     listened = threading.Event()  # set when half of an endless answer is sent
 
     def log_message(self, *_: object) -> None: ...
@@ -152,7 +152,7 @@ class Handler(http.server.BaseHTTPRequestHandler):
                 self.wfile.write(bytes(1 << 16))
         elif path == "/broken":
             self.answer(bytes(SIZE // 2), SIZE)
-        elif path == "/endless":  # never silent, so that only a signal ends who listens
+        elif path == "/endless":  # never silent, so that only a signal ends the client
             self.answer(bytes(SIZE // 2), SIZE)
             self.listened.set()
             while not self.stop.wait(0.05):
@@ -216,7 +216,7 @@ def test_a_bad_answer_is_one_line_and_leaves_nothing(
     assert_failed(script("get_grace", "--from", server + path, "--out", tmp_path / "g.exr"), tmp_path, *words)
 
 
-def test_a_refused_connection_is_one_line(script: Script, tmp_path: Path) -> None:
+def test_a_refused_connection_gives_one_line(script: Script, tmp_path: Path) -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"http://127.0.0.1:{free.getsockname()[1]}/g.exr"
@@ -235,11 +235,11 @@ def test_a_refused_connection_is_one_line(script: Script, tmp_path: Path) -> Non
         (str(script_path("get_grace")), ("not the Grace map",)),
     ],
 )
-def test_a_bad_source_is_one_line(script: Script, tmp_path: Path, source: str, words: tuple[str, ...]) -> None:
+def test_a_bad_source_gives_one_line(script: Script, tmp_path: Path, source: str, words: tuple[str, ...]) -> None:
     assert_failed(script("get_grace", "--from", source, "--out", tmp_path / "g.exr"), tmp_path, *words)
 
 
-def test_a_target_that_cannot_be_written_is_one_line(server: str, tmp_path: Path, get_grace: ModuleType) -> None:
+def test_a_target_that_cannot_be_written_gives_one_line(server: str, tmp_path: Path, get_grace: ModuleType) -> None:
     for out in (tmp_path / "missing" / "g.exr", tmp_path, Path(os.devnull)):
         with pytest.raises(SystemExit, match=r"^get_grace: cannot write .* with --out$"):
             get_grace.fetch(server + "/good", out, **GOOD)
@@ -301,5 +301,5 @@ def test_the_real_grace_map_is_accepted_and_not_fetched_twice(script: Script, tm
     assert "Paul Debevec" in first.stdout
     again = script("get_grace", "--from", "http://127.0.0.1:1/never", "--out", out)
     assert again.returncode == 0
-    assert "already there" in again.stdout
+    assert "already exists" in again.stdout
     assert [file.name for file in tmp_path.iterdir()] == ["g.exr"]

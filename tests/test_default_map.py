@@ -1,4 +1,4 @@
-"""The default map is Grace where it was fetched, else the one that ships, for every script."""
+"""The default map is Grace if it was fetched, else the one that comes with lightdome, for every script."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from helpers import LONG, ROOT
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["part2_sample", "part4_pbrt", "bench", "report"])
-def test_the_default_map_is_grace_if_it_is_there(name: str, tmp_path: Path) -> None:
+def test_the_default_map_is_grace_if_it_was_fetched(name: str, tmp_path: Path) -> None:
     data, scripts = tmp_path / "data", tmp_path / "scripts"
     shutil.copytree(ROOT / "scripts", scripts, ignore=shutil.ignore_patterns("__pycache__"))
     data.mkdir()

@@ -1,4 +1,4 @@
-"""Environments as they are found: backends and settings of matplotlib, and names that no encoding knows."""
+"""Unusual environments: matplotlib backends and settings, and file names that no encoding covers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lightdome.maps.images import write_image
 pytestmark = pytest.mark.slow
 
 JUPYTER = "module://matplotlib_inline.backend_inline"
-ODD = os.fsdecode(b"od\xff d\xc3\xa9j\xc3\xa0")  # no UTF-8, as a folder of an old system has it
+ODD = os.fsdecode(b"od\xff d\xc3\xa9j\xc3\xa0")  # not UTF-8, like a folder from an old system
 
 
 def python(program: str, folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -42,7 +42,7 @@ def test_modules_that_plot_load_without_the_backend_that_is_asked_for(tmp_path: 
     program = f"import importlib, os\nfor m in {modules}: importlib.import_module(m)\nprint(os.environ['MPLBACKEND'])"
     result = python(program, tmp_path, MPLBACKEND=JUPYTER)
     assert result.returncode == 0, result.stderr
-    assert result.stdout.strip() == JUPYTER  # for those who have it
+    assert result.stdout.strip() == JUPYTER  # kept for those who have that backend
 
 
 def test_a_user_s_matplotlib_keeps_the_backend_that_he_asks_for(tmp_path: Path) -> None:
@@ -72,7 +72,7 @@ def test_a_user_s_settings_of_matplotlib_do_not_change_a_plot(tmp_path: Path) ->
     assert pictures[0] == pictures[1]
 
 
-def test_settings_of_matplotlib_that_cannot_be_read_are_one_line(script: Script, tmp_path: Path) -> None:
+def test_settings_of_matplotlib_that_cannot_be_read_give_one_line(script: Script, tmp_path: Path) -> None:
     (tmp_path / "matplotlibrc").write_bytes(b"font.size: \xff\xfe\n")
     result = script("part1_fresnel", "--out", tmp_path / "out", MATPLOTLIBRC=str(tmp_path / "matplotlibrc"))
     fails_in_one_line(result, "matplotlibrc")
@@ -107,7 +107,7 @@ def test_a_locale_without_utf_8_opens_names_in_utf_8(script: Script, tmp_path: P
     assert script("part3_shade", *options, **c_locale).returncode == 0
 
 
-def test_a_map_whose_name_the_library_cannot_open_is_one_line(script: Script, tmp_path: Path) -> None:
+def test_a_map_whose_name_the_library_cannot_open_gives_one_line(script: Script, tmp_path: Path) -> None:
     path = tmp_path / f"{ODD}.exr"
     write_image(tmp_path / "map.exr", stiff_radiance(8, 16))
     (tmp_path / "map.exr").rename(path)

@@ -1,4 +1,4 @@
-"""The list of faults that tools/mutate.py puts into the code stays applicable while the code changes."""
+"""The faults that tools/mutate.py puts into the code stay applicable as the code changes."""
 
 from __future__ import annotations
 

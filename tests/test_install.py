@@ -25,7 +25,7 @@ from lightdome.opencl.device import Device
 pytestmark = pytest.mark.slow
 
 LESSONS = sorted((ROOT / "docs" / "tutorial").glob("*.py"))
-OPENCL = ("OCL_ICD_VENDORS", "LD_LIBRARY_PATH", "PYOPENCL_CTX")  # which implementation, and what it needs
+OPENCL = ("OCL_ICD_VENDORS", "LD_LIBRARY_PATH", "PYOPENCL_CTX")  # selects the implementation and its libraries
 
 
 def run(*command: object, **options: object) -> subprocess.CompletedProcess[str]:
@@ -42,7 +42,7 @@ def run(*command: object, **options: object) -> subprocess.CompletedProcess[str]
     ],
 )
 def test_the_install_wins_over_a_folder_of_its_name(tmp_path: Path, command: tuple[str, ...], elsewhere: bool) -> None:
-    """As the folder of a clone is; without a file of its own it is a package to Python all the same."""
+    """Such as a clone's folder, which Python takes for a package even without an __init__.py."""
     (tmp_path / "lightdome").symlink_to(ROOT)
     (tmp_path / "my_program.py").write_text("import lightdome\nprint(lightdome.LightdomeError, lightdome.__file__)\n")
     words = [word.format(parent=tmp_path) for word in command]
@@ -65,7 +65,7 @@ def has_venv(clone: Path) -> None:
     python.chmod(0o755)
 
 
-WITHOUT_PACKAGES = (sys.executable, "-S")  # as a Python in which lightdome is not installed
+WITHOUT_PACKAGES = (sys.executable, "-S")  # like a Python in which lightdome is not installed
 
 
 @pytest.mark.parametrize("name", [name for name in SCRIPTS if name != "get_grace"])
@@ -80,7 +80,7 @@ def test_a_script_goes_on_in_venv(clone: Path, name: str) -> None:
 
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_a_script_finds_its_start_with_a_safe_path(name: str, tmp_path: Path) -> None:
-    """As with PYTHONSAFEPATH: Python leaves out the folder of the script, and so what lies beside it."""
+    """With PYTHONSAFEPATH, Python leaves out the script's folder, and so the files next to it."""
     result = run(sys.executable, "-I", script_path(name), "--help", cwd=tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
 
@@ -91,7 +91,7 @@ def test_a_signal_is_kept_while_the_python_of_venv_starts(clone: Path, number: s
     python = clone / ".venv" / "bin" / "python"
     python.write_text(f'#!/bin/sh\nkill -{number.value} $$\nexec {sys.executable} "$@"\n')
     python.chmod(0o755)
-    before = signal.signal(number, signal.SIG_DFL)  # which whoever started the tests may have had ignored
+    before = signal.signal(number, signal.SIG_DFL)  # the process that started the tests may have ignored it
     try:
         result = run(*WITHOUT_PACKAGES, clone / "scripts" / "part1_fresnel.py")
     finally:
@@ -108,7 +108,7 @@ def test_a_wrapper_in_venv_round_a_python_without_lightdome_is_started_once(clon
     fails_in_one_line(run(*WITHOUT_PACKAGES, clone / "scripts" / "part2_sample.py"), "scripts/demo")
 
 
-def test_a_venv_without_lightdome_is_one_line(clone: Path) -> None:
+def test_a_venv_without_lightdome_gives_one_line(clone: Path) -> None:
     has_venv(clone)
     (clone / ".venv" / "bin" / "python").unlink()
     (clone / ".venv" / "bin" / "python").symlink_to(sys.executable)
@@ -144,7 +144,7 @@ def test_a_lesson_finds_the_default_map_from_any_folder(
 
     def read(path: Path) -> None:
         asked.append(path)
-        raise EOFError  # the rest is test_docs.py's
+        raise EOFError  # test_docs.py runs the rest
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [str(path)])
@@ -172,7 +172,7 @@ Set = Callable[..., None]
 
 @pytest.fixture
 def environment(monkeypatch: pytest.MonkeyPatch) -> Set:
-    """Set HOME and what else ``ensure_room`` looks at; what is not given is unset."""
+    """Set HOME and the other variables that ``ensure_room`` reads; unset those not given."""
 
     def set_environment(**given: object) -> None:
         for name in ("HOME", "XDG_CACHE_HOME", "POCL_CACHE_DIR", "PATH"):
@@ -195,7 +195,7 @@ def test_without_a_home_caches_are_in_that_of_the_user(
         assert cache.cache_folder("exact") == tmp_path / ".cache" / "lightdome" / "exact"
 
 
-def test_a_user_whom_nobody_entered_has_a_temporary_cache(environment: Set, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_user_without_an_entry_has_a_temporary_cache(environment: Set, monkeypatch: pytest.MonkeyPatch) -> None:
     def nobody(number: int) -> None:
         raise KeyError(number)
 
@@ -206,7 +206,7 @@ def test_a_user_whom_nobody_entered_has_a_temporary_cache(environment: Set, monk
     assert Path(os.environ["XDG_CACHE_HOME"]).parent == Path(tempfile.gettempdir())
 
 
-def test_a_disk_from_which_nothing_may_be_run_holds_no_kernels(
+def test_a_disk_mounted_noexec_holds_no_kernels(
     environment: Set, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     def disk(path: str | Path) -> SimpleNamespace:
@@ -219,7 +219,7 @@ def test_a_disk_from_which_nothing_may_be_run_holds_no_kernels(
     assert Path(os.environ["XDG_CACHE_HOME"]).parent == Path(tempfile.gettempdir())
 
 
-def test_what_is_sound_stays_as_it_is(environment: Set, tmp_path: Path) -> None:
+def test_a_sound_environment_is_left_alone(environment: Set, tmp_path: Path) -> None:
     given = {"HOME": tmp_path, "POCL_CACHE_DIR": tmp_path / "pocl", "PATH": os.defpath}
     for more in ({}, {"XDG_CACHE_HOME": tmp_path / "caches"}):
         environment(**given, **more)
@@ -228,7 +228,7 @@ def test_what_is_sound_stays_as_it_is(environment: Set, tmp_path: Path) -> None:
         assert dict(os.environ) == before
 
 
-def test_no_place_for_temporary_files_is_one_line(environment: Set, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_place_for_temporary_files_gives_one_line(environment: Set, monkeypatch: pytest.MonkeyPatch) -> None:
     def none() -> str:
         raise FileNotFoundError("No usable temporary directory found")
 

@@ -44,13 +44,13 @@ OTHERS = {
     "get_grace": ("--from", "http://127.0.0.1:1/none"),
 }
 CLOCK = re.compile(rb"\d{4}:\d\d:\d\d \d\d:\d\d:\d\d")
-PROMPT = 3.0  # seconds from a signal to the end, on a machine that has other work too
+PROMPT = 3.0  # seconds from a signal to the end, on a busy machine
 HIDDEN = re.compile(r"\.\w+\.[0-9a-f]{8}\.\w+")
 
 
 @dataclass
 class Run:
-    """A script in a folder of its own, with its own folder for temporary files and its own cache."""
+    """A script in its own folder, with its own temporary folder and its own cache."""
 
     name: str
     folder: Path
@@ -74,7 +74,7 @@ class Run:
         )
 
     def finish(self) -> float:
-        """Run undisturbed: the seconds that it took."""
+        """Run undisturbed; returns the seconds it took."""
         start = time.perf_counter()
         process = self.start()
         _, errors = process.communicate()
@@ -95,19 +95,19 @@ class Run:
         self.send(process, number)
 
     def send(self, process: subprocess.Popen[bytes], number: signal.Signals) -> None:
-        """Send a signal to the whole group, and see the script end by it."""
+        """Send a signal to the whole process group, and check that it ends the script."""
         sent = time.perf_counter()
         if process.poll() is None:
             os.killpg(process.pid, number)
         _, errors = process.communicate()
         assert time.perf_counter() - sent < PROMPT
         stopped = -number if number == signal.SIGKILL else 128 + number
-        assert process.returncode in (0, stopped), errors  # 0 if all was done
+        assert process.returncode in (0, stopped), errors  # 0 if it had finished
         assert b"Traceback" not in errors
         assert b"ignored" not in errors
 
     def files(self) -> dict[str, bytes]:
-        """What lies in the output folder, by path."""
+        """The files in the output folder, by path."""
         out = self.folder / "out"
         return {str(path.relative_to(out)): path.read_bytes() for path in out.rglob("*") if path.is_file()}
 
@@ -117,12 +117,12 @@ class Run:
             (self.folder / "out" / path).unlink()
 
     def content(self) -> dict[str, bytes]:
-        """The same without what differs from run to run: times, which the benchmark measures and an EXR has in it."""
+        """As :meth:`files`, without what differs between runs: times measured by the benchmark or stored in an EXR."""
         return {name: CLOCK.sub(b"", data) if self.name != "bench" else b"" for name, data in self.files().items()}
 
 
 def wait_for_first_line(process: subprocess.Popen[bytes]) -> None:
-    """Wait until a script handles SIGTERM: before, Python starts itself, and nobody can hear."""
+    """Wait until a script handles SIGTERM; before that, Python itself starts, and cannot handle it."""
     status = Path(f"/proc/{process.pid}/status")
     while process.poll() is None and status.exists():
         caught = re.search(r"^SigCgt:\s*(\w+)", status.read_text(), re.MULTILINE)
@@ -134,7 +134,7 @@ def wait_for_first_line(process: subprocess.Popen[bytes]) -> None:
 def stop_with_empty_caches(name: str, number: signal.Signals, moments: Iterable[float], inputs: Path) -> None:
     """Stop a script after each of ``moments``, every time with nothing compiled; raises as :meth:`Run.stop` does."""
     for after in moments:
-        # A linker that works on writes into the cache for a moment more.
+        # A linker still at work writes to the cache for a moment longer.
         with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
             run = Run(name, Path(folder))
             for path in inputs.glob("*.npz"):
@@ -145,11 +145,11 @@ def stop_with_empty_caches(name: str, number: signal.Signals, moments: Iterable[
 
 
 def stop_at_random(name: str, numbers: Iterable[signal.Signals], count: int, inputs: Path) -> int:
-    """Stop a script ``count`` times by each signal; the number of hidden files left. Raises where anything else was."""
+    """Stop a script ``count`` times by each signal; returns the hidden files left. Raises if anything else is left."""
     rng = np.random.default_rng(0)
     run = Run(name, inputs)
     run.clear()
-    if name != "part2_sample":  # whose run for the inputs has filled the caches
+    if name != "part2_sample":  # its run for the inputs has filled the caches
         run.finish()
     seconds = run.finish()
     whole = run.content()
@@ -157,7 +157,7 @@ def stop_at_random(name: str, numbers: Iterable[signal.Signals], count: int, inp
     hidden = 0
     for moment, number in enumerate(number for number in numbers for _ in range(count)):
         run.clear()
-        # Every other time on purpose while a file is written: most moments are harmless.
+        # Every other time, deliberately while a file is being written, since most moments are harmless.
         run.stop(number, seconds * rng.random(), writing=moment % 2 == 1)
         left = run.content()
         temporary = {path for path in left if HIDDEN.fullmatch(Path(path).name)}
@@ -178,7 +178,7 @@ def stop_at_random(name: str, numbers: Iterable[signal.Signals], count: int, inp
 @pytest.fixture(scope="module")
 def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("inputs")
-    # The first runs probe, compile and keep: all that is written into caches is written in them.
+    # The first runs probe, compile and fill the caches: everything in the caches is written during them.
     for after in (0.7, 1.1):
         Run("part2_sample", folder).stop(signal.SIGKILL, after)
     return make_inputs(folder)
@@ -203,8 +203,8 @@ def test_a_run_that_is_stopped_leaves_no_half_file(name: str, numbers: tuple[sig
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("name", [*STOPPED, *OTHERS])
-def test_a_signal_is_heard_while_modules_are_loaded(name: str, number: signal.Signals, tmp_path: Path) -> None:
-    # A module that all scripts load, and that takes long.
+def test_a_signal_is_handled_while_modules_load(name: str, number: signal.Signals, tmp_path: Path) -> None:
+    # A module that all scripts load, and that is slow to load.
     (tmp_path / "argparse.py").write_text("print('loading', flush=True)\nimport time\ntime.sleep(600)\n")
     process = subprocess.Popen(
         command_line(name),
@@ -220,7 +220,7 @@ def test_a_signal_is_heard_while_modules_are_loaded(name: str, number: signal.Si
 
 
 def wait_for_a_linker(process: subprocess.Popen[bytes]) -> bool:
-    """Wait until a compiler of the script's runs a program; False if the script has ended before."""
+    """Wait until a compiler in the script runs a program; False if the script ends first."""
     while process.poll() is None:
         for thread in Path(f"/proc/{process.pid}/task").glob("*"):
             with contextlib.suppress(OSError):
@@ -287,7 +287,7 @@ console.run(main)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_is_heard_in_a_long_call_into_a_library(number: signal.Signals, tmp_path: Path) -> None:
+def test_a_signal_is_handled_in_a_long_call_into_a_library(number: signal.Signals, tmp_path: Path) -> None:
     command = [sys.executable, "-c", LONG_CALL, str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout.readline() == b"now\n"
@@ -315,7 +315,7 @@ def test_a_signal_that_a_shell_ignores_stays_ignored(tmp_path: Path) -> None:
 
 
 def test_caches_whose_writing_was_stopped_are_used(inputs: Path) -> None:
-    """The stops are in :func:`inputs`; what was sampled after them is right."""
+    """The stops are in :func:`inputs`; samples drawn after them are right."""
     stopped, whole = (Samples.load(inputs / f"samples_{count}.npz") for count in (64, 256))
     np.testing.assert_array_equal(stopped.pixel, whole.pixel[:64])
 

@@ -1,4 +1,4 @@
-"""Long work says how far it is: a bar on a terminal, a line now and then elsewhere, in order with all that is said."""
+"""Long work shows its progress: a bar on a terminal, occasional lines elsewhere, in order with other output."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Terminal(io.StringIO):
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """The seconds that the clock shows."""
+    """The seconds on the clock."""
     now = [1000.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
     monkeypatch.setattr(Progress, "_last_line", float("-inf"))
@@ -31,7 +31,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 
 def work(clock: list[float], seconds: int) -> None:
-    """Some work with other work in it, which says every second how far it is."""
+    """Work with other work nested in it, which reports its progress every second."""
     with Progress("all") as whole:
         for second in range(seconds):
             with Progress("a part") as part:
@@ -40,9 +40,7 @@ def work(clock: list[float], seconds: int) -> None:
             whole.update((second + 1) / seconds)
 
 
-def test_where_there_is_no_terminal_a_line_comes_now_and_then(
-    clock: list[float], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_a_terminal_lines_are_occasional(clock: list[float], capsys: pytest.CaptureFixture[str]) -> None:
     work(clock, 4)
     assert capsys.readouterr().err == ""
     work(clock, 100)
@@ -53,7 +51,7 @@ def test_where_there_is_no_terminal_a_line_comes_now_and_then(
     assert capsys.readouterr().err == ""
 
 
-def test_what_works_inside_says_so_in_the_same_line(clock: list[float], capsys: pytest.CaptureFixture[str]) -> None:
+def test_nested_work_reports_in_the_same_line(clock: list[float], capsys: pytest.CaptureFixture[str]) -> None:
     with Progress("all"):
         clock[0] += 10
         with Progress("a part") as part:
@@ -85,7 +83,7 @@ def test_messages_keep_their_order_in_one_pipe(tmp_path: Path) -> None:
     assert starts == ["device:", "map:", "note:", "wrote", "exposure"]
 
 
-def test_nothing_is_said_of_short_work(capsys: pytest.CaptureFixture[str]) -> None:
+def test_short_work_prints_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     with Progress("short") as short:
         for fraction in np.linspace(0, 1, 5):
             short.update(fraction)

@@ -39,7 +39,7 @@ def inputs(script: Script, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def command(script_name: str, inputs: Path) -> list[object]:
-    """A command line of every script that writes files."""
+    """A command line for every script that writes files."""
     return {
         "part1_fresnel": ["part1_fresnel"],
         "part2_sample": ["part2_sample", "--map", inputs / "map.pfm", "--counts", 4],
@@ -54,7 +54,7 @@ WRITERS = ("part1_fresnel", "part2_sample", "part3_shade", "part4_pbrt", "bench"
 
 @pytest.fixture
 def pocl(device: Device) -> Device:
-    """PoCL, whose memory can be limited from outside; Intel's runtime has a line of its own about limits on files."""
+    """PoCL, whose memory can be limited from outside; Intel's runtime prints its own line about file limits."""
     if "Portable" not in device.handle.platform.name:
         pytest.skip("needs PoCL as the device")
     return device
@@ -72,7 +72,7 @@ def pocl(device: Device) -> Device:
 def test_a_full_disk_is_one_line_and_leaves_only_whole_files(
     pocl: Device, inputs: Path, arguments: tuple[object, ...], kept: set[str]
 ) -> None:
-    """As a limit on the size of files, which needs no disk of its own; PoCL's are below 4 MiB, the images above."""
+    """Simulated by a limit on file sizes, which needs no separate disk; PoCL's files are below it, images above."""
     name, *options = arguments
     limit = 4 << 20 if name != "part1_fresnel" else 20_000
     result = subprocess.run(
@@ -87,7 +87,7 @@ def test_a_full_disk_is_one_line_and_leaves_only_whole_files(
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_folder_that_cannot_be_made_is_one_line(script: Script, inputs: Path, name: str) -> None:
+def test_a_folder_that_cannot_be_made_gives_one_line(script: Script, inputs: Path, name: str) -> None:
     fails_in_one_line(script(*command(name, inputs), "--out", inputs / "map.pfm" / "below"), "--out")
 
 
@@ -105,7 +105,7 @@ def test_a_file_that_fails_on_the_way_leaves_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
 @pytest.mark.parametrize("unbuffered", ["", "1"])
-def test_output_that_cannot_be_printed_is_one_line(inputs: Path, unbuffered: str) -> None:
+def test_output_that_cannot_be_printed_gives_one_line(inputs: Path, unbuffered: str) -> None:
     program = command_line(*command("part3_shade", inputs), "--out", inputs / "printed")
     with Path("/dev/full").open("w") as full:
         environment = {**os.environ, "PYTHONUNBUFFERED": unbuffered}
@@ -122,7 +122,7 @@ def test_closed_standard_streams_do_not_matter(inputs: Path) -> None:
 
 def test_without_a_cache_folder_everything_works(script: Script, inputs: Path, tmp_path: Path) -> None:
     environment = {"XDG_CACHE_HOME": str(inputs / "map.pfm"), "TMPDIR": str(tmp_path)}
-    environment["MPLCONFIGDIR"] = str(tmp_path / "matplotlib")  # which says that it misses its own
+    environment["MPLCONFIGDIR"] = str(tmp_path / "matplotlib")  # or it complains that its folder is missing
     result = script(*command("part3_shade", inputs), "--out", inputs / "uncached", **environment)
     assert result.returncode == 0, result.stderr
     assert result.stderr == ""
@@ -151,7 +151,7 @@ def test_a_full_cache_is_replaced_by_a_temporary_one(monkeypatch: pytest.MonkeyP
 
 
 def device_error(kind: type[cl.Error], status: int) -> cl.Error:
-    """What pyopencl raises where a device refuses a command."""
+    """The error that pyopencl raises if a device refuses a command."""
     return kind(cl._cl._ErrorRecord(msg="", code=status, routine="clEnqueueNDRangeKernel"))
 
 
@@ -163,7 +163,7 @@ def raising(error: BaseException) -> Callable[[], None]:
 
 
 class Tight:
-    """A device that holds arrays of a MiB at most."""
+    """A device that holds arrays of at most 1 MiB."""
 
     max_mem_alloc_size = 2**20
 
@@ -190,7 +190,7 @@ def test_an_array_larger_than_the_device_holds_is_refused(device: Device) -> Non
         lambda: np.empty(2**50),
     ],
 )
-def test_too_little_memory_is_one_line(capsys: pytest.CaptureFixture[str], main: Callable[[], object]) -> None:
+def test_too_little_memory_gives_one_line(capsys: pytest.CaptureFixture[str], main: Callable[[], object]) -> None:
     with pytest.raises(SystemExit) as ended:
         console.run(main)
     assert ended.value.code == 1
@@ -216,7 +216,7 @@ def test_a_defect_keeps_its_traceback(error: Exception) -> None:
         ("part4_pbrt", "--renderer", "opencl", "--spp", 1, "--resolution", 16384),
     ],
 )
-def test_what_no_device_holds_is_one_line(
+def test_what_no_device_holds_gives_one_line(
     pocl: Device, script: Script, inputs: Path, arguments: tuple[object, ...]
 ) -> None:
     name, *options = arguments

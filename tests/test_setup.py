@@ -12,16 +12,16 @@ from helpers import LONG, ROOT
 
 pytestmark = pytest.mark.slow
 
-# The system's programs that set-up, the stand-ins and nothing else may find.
+# The system programs that set-up and the stand-ins may find, and no others.
 # fmt: off
 TOOLS = (
     "bash", "cat", "chmod", "cksum", "cp", "dirname", "env", "grep", "mkdir", "rm", "sed", "tail", "touch", "true",
 )
 # fmt: on
 
-# Plays Python, and what set-up runs with it. The folder $STATE says what works: `device` (a device does), `wheel`,
-# `system` and `intel` (installing that gives one that does), `slow` (the wheel is), `ensurepip`, `pip says` (pip fails,
-# with this), `no pip` (until an environment is made anew).
+# Plays Python, and what set-up runs with it. Files in the folder $STATE say what works: `device` (a device works),
+# `wheel`, `system` and `intel` (installing it makes a device work), `slow` (the wheel's device is slow), `ensurepip`,
+# `pip says` (pip fails with this message), `no pip` (until the environment is recreated).
 PYTHON = """#!/bin/bash
 echo "$*" >>"$STATE/calls"
 case "$*" in
@@ -36,7 +36,7 @@ case "$*" in
 *'import pathlib, pyopencl'*) echo "$STATE" ;;
 '-m lightdome devices')
     [ -e "$STATE/device" ] || exit 1
-    printf 'Some device\ntaken (*): the only one\n'
+    printf 'Some device\nused (*): the only one\n'
     [ ! -e "$STATE/slow" ] || echo 'note: it is slow' ;;
 esac
 """
@@ -51,7 +51,7 @@ esac
 
 
 class Machine:
-    """A clone in a folder with a space in its name, on a machine with a PATH of its own."""
+    """A clone in a folder with a space in its name, on a machine with its own PATH."""
 
     def __init__(self, folder: Path) -> None:
         self.clone = folder / "a clone"
@@ -60,7 +60,7 @@ class Machine:
         for name in ("setup.cfg", "setup.py", "pyproject.toml", "scripts/setup.sh", "pyhost/__init__.py"):
             shutil.copy(ROOT / name, self.clone / name)
         self.state = folder / "state"
-        # Stand-ins and links lie apart: writing a stand-in over a link would write into the system.
+        # Stand-ins and links are kept apart, since writing a stand-in over a link would write to the system.
         self.bin = self.state / "bin"
         self.tools = self.state / "tools"
         self.bin.mkdir(parents=True)
@@ -73,14 +73,14 @@ class Machine:
         self.has("ensurepip")
 
     def program(self, name: str, text: str) -> None:
-        """Put a stand-in on PATH, before the system's program of that name."""
+        """Put a stand-in on PATH, before the system program of that name."""
         path = self.bin / name
         assert not path.is_symlink()
         path.write_text(text)
         path.chmod(0o755)
 
     def has(self, *things: str) -> None:
-        """Say what works here."""
+        """Set what works on this machine."""
         for thing in things:
             (self.state / thing).touch()
 
@@ -102,7 +102,7 @@ class Machine:
 
     @property
     def calls(self) -> str:
-        """What was called, a line each."""
+        """The calls, one per line."""
         return (self.state / "calls").read_text()
 
 
@@ -119,7 +119,7 @@ def test_a_device_that_works_is_all_that_is_needed(machine: Machine) -> None:
     assert "pocl" not in machine.calls
 
 
-def test_the_second_time_only_looks(machine: Machine) -> None:
+def test_the_second_run_only_checks(machine: Machine) -> None:
     machine.has("device")
     machine.set_up()
     result = machine.set_up()
@@ -140,7 +140,7 @@ def test_the_package_is_installed_again_when_its_metadata_changed(machine: Machi
 
 
 @pytest.mark.parametrize("what", ["moved", "no pip"])
-def test_an_environment_that_is_no_longer_sound_is_made_anew(machine: Machine, what: str) -> None:
+def test_a_broken_environment_is_recreated(machine: Machine, what: str) -> None:
     machine.has("device")
     machine.set_up()
     if what == "moved":
@@ -153,7 +153,7 @@ def test_an_environment_that_is_no_longer_sound_is_made_anew(machine: Machine, w
     assert "install --editable" in machine.calls
 
 
-def test_an_environment_of_the_user_s_own_stays(machine: Machine) -> None:
+def test_a_users_own_environment_is_kept(machine: Machine) -> None:
     machine.has("device")
     machine.set_up()
     (machine.clone / ".venv" / ".finished").unlink()
@@ -232,7 +232,7 @@ def test_a_python_without_ensurepip_gets_it_from_its_package(machine: Machine) -
 
 
 @pytest.mark.parametrize("broken", ["exit 127", "exit 1"])
-def test_no_python_that_runs_is_one_line(machine: Machine, broken: str) -> None:
+def test_no_python_that_runs_gives_one_line(machine: Machine, broken: str) -> None:
     machine.program("python3", f"#!/bin/bash\n{broken}\n")
     result = machine.set_up()
     assert result.returncode == 1
@@ -242,10 +242,10 @@ def test_no_python_that_runs_is_one_line(machine: Machine, broken: str) -> None:
     assert not (machine.clone / ".venv").exists()
 
 
-def test_a_named_python_that_does_not_run_is_one_line(machine: Machine) -> None:
+def test_a_named_python_that_does_not_run_gives_one_line(machine: Machine) -> None:
     result = machine.set_up(PYTHON="/nonexistent/python")
     assert result.returncode == 1
-    assert result.stderr == "set-up: PYTHON=/nonexistent/python is not a Python 3.10 or newer that runs\n"
+    assert result.stderr == "set-up: PYTHON=/nonexistent/python is not a working Python 3.10 or newer\n"
 
 
 def test_whatever_pip_fails_at_is_one_line_with_its_reason(machine: Machine) -> None:

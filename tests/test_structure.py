@@ -36,7 +36,7 @@ MODULES = sorted(set(HOST.rglob("*.py")) - OUTSIDE)
 
 
 def imports(path: Path) -> Iterator[str]:
-    """The modules that a file imports, as absolute names; of ours with the names that are taken from them."""
+    """The modules that a file imports, as absolute names; for our own, with the names imported from them."""
     package = ["lightdome", *path.relative_to(HOST).parts[:-1]]
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -108,7 +108,7 @@ def test_the_folders_of_the_tests_are_those_of_the_host() -> None:
 
 
 def test_no_file_of_tests_needs_another() -> None:
-    """Each runs alone; what several need is in a module beside the folders."""
+    """Each runs alone; what several need is in a module next to the folders."""
     paths = sorted((ROOT / "tests").rglob("test_*.py"))
     assert len(paths) > 40
     for path in paths:
@@ -124,8 +124,8 @@ def shown(path: Path) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(HOST)))
-def test_no_message_names_what_an_installed_package_has_not(path: Path) -> None:
-    own = {"scripts/"} if path.name == "cli.py" else set()  # how a script calls itself
+def test_no_message_names_what_an_installed_package_lacks(path: Path) -> None:
+    own = {"scripts/"} if path.name == "cli.py" else set()  # how a script refers to itself
     for text in shown(path):
         assert text in own or not re.search(r"scripts/|\bparts? [1-4]\b|README|CONTRIBUTING|\bdocs/", text), text
         assert not re.search(r"\b(bench|stability|report|roofline|get_\w+)\.py\b", text), text

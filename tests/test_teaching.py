@@ -35,7 +35,7 @@ def small_map(tmp_path: Path) -> Path:
     return tmp_path / "map.pfm"
 
 
-def test_what_is_not_filled_in_is_said(
+def test_what_is_not_filled_in_is_reported(
     starter: ModuleType, small_map: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     starter.main(small_map, tmp_path / "out")
@@ -43,6 +43,7 @@ def test_what_is_not_filled_in_is_said(
     assert not list((tmp_path / "out").glob("*.pfm"))
 
 
+@pytest.mark.slow
 def test_a_correct_solution_passes(
     starter: ModuleType, small_map: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -63,6 +64,6 @@ def test_a_correct_solution_passes(
         table = np.genfromtxt(out / f"fresnel_{name}.csv", delimiter=",", names=True)
         curves = np.radians(table["angle_degrees"]), None, table["p"], table["s"]
         assert lightdome.check_fresnel(*curves, eta=1.4, leaving=leaving).agrees is True
-    rows = FolderCheck(device, envmap).rows(out)  # of reflectances, those that leave by the file's name
+    rows = FolderCheck(device, envmap).rows(out)  # for reflectances, the file's name says whether light leaves
     assert [row.file for row in rows if not row.agrees] == []
     assert len(rows) == len(list(out.iterdir()))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 import re
 import shutil
 import subprocess
@@ -19,7 +21,7 @@ pytestmark = pytest.mark.slow
 
 
 def run(*command: object, folder: Path) -> str:
-    """What a command says, which must succeed."""
+    """Run a command, which must succeed; returns its output."""
     words = [*map(str, command)]
     result = subprocess.run(words, capture_output=True, text=True, timeout=LONG, cwd=folder)
     assert result.returncode == 0, f"{words}\n{result.stdout}{result.stderr}"
@@ -28,7 +30,7 @@ def run(*command: object, folder: Path) -> str:
 
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A new environment with the wheel of the source archive in it; what lightdome needs is that of the tests."""
+    """A new environment with a wheel built from the source archive, and with the dependencies of the tests."""
     pytest.importorskip("build", reason="needs build, of the extra [dev]")
     folder = tmp_path_factory.mktemp("wheel")
     (folder / "clone").mkdir()
@@ -76,6 +78,32 @@ def test_commands_run_on_the_map_that_is_installed(environment: Path, tmp_path: 
     run(lightdome, "exact", "--pixels", "areas", *sphere, folder=tmp_path)
     images = [read_image(tmp_path / "out" / name) for name in ("part4/sphere_1spp.exr", "exact/exact_areas.exr")]
     assert images[0].mean() == pytest.approx(images[1].mean(), rel=0.5)
+
+
+def test_results_are_checked_against_the_map_that_is_installed(environment: Path, tmp_path: Path) -> None:
+    lightdome = environment / "lightdome"
+    run(lightdome, "sample", "--counts", 64, "--samples-only", folder=tmp_path)
+    samples = tmp_path / "out" / "part2" / "samples_64.npz"
+    run(lightdome, "shade", samples, "--resolution", 31, folder=tmp_path)
+    assert run(lightdome, "check", "samples", samples, folder=tmp_path).startswith("agrees: ")
+    image = ("check", "image", tmp_path / "out" / "part3" / "sphere_64.pfm", "--samples", 64, "--json")
+    found = json.loads(run(lightdome, *image, folder=tmp_path))
+    assert found["agrees"] is True
+    assert found["expected"]["samples"] == 64
+    (tmp_path / "curve.csv").write_text("angle_degrees,p,s\n0,0.0278,0.0278\n45,0.0685,0.0047\n90,1,1\n")
+    words = [str(lightdome), "check", "fresnel", "curve.csv"]
+    wrong = subprocess.run(words, capture_output=True, text=True, timeout=LONG, cwd=tmp_path)
+    assert wrong.returncode == 1
+    assert wrong.stdout.startswith("does not agree; p and s swapped: ")
+
+
+def test_without_opencl_one_line_says_what_to_do(environment: Path, tmp_path: Path) -> None:
+    (tmp_path / "vendors").mkdir()
+    words = [str(environment / "lightdome"), "render", "--spp", "1", "--resolution", "15"]
+    nothing = {**os.environ, "OCL_ICD_VENDORS": str(tmp_path / "vendors"), "XDG_CACHE_HOME": str(tmp_path)}
+    ended = subprocess.run(words, capture_output=True, text=True, timeout=LONG, cwd=tmp_path, env=nothing)
+    assert ended.returncode == 1
+    assert re.fullmatch(r"lightdome render: no OpenCL device works here.*; for one that does: .*\n", ended.stderr)
 
 
 def test_a_user_s_program_has_the_right_types(environment: Path, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""A program as a user writes it, with types: tests/test_wheel.py has mypy check it against an installed lightdome."""
+"""A typed user program: tests/test_wheel.py has mypy check it against an installed lightdome."""
 
 from __future__ import annotations
 

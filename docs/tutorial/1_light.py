@@ -9,14 +9,13 @@ try:
 except ImportError:
     sys.exit("lightdome is not installed for this Python; run scripts/demo, then the lesson with .venv/bin/python")
 
-clone = Path(__file__).resolve().parents[2]
-path = Path(sys.argv[1]) if len(sys.argv) > 1 else clone / "data" / "default.exr"
+path = Path(sys.argv[1]) if len(sys.argv) > 1 else lightdome.default_map()
 out = Path("out/tutorial")
 out.mkdir(parents=True, exist_ok=True)
 
 # A map is radiance by direction: (H, W, 3), row 0 is straight up.
 envmap = lightdome.EnvironmentMap.read(path)
-print(f"{path}: {envmap.width} x {envmap.height}, brightest value {envmap.peak:g}")
+print(f"{path.name}: {envmap.width} x {envmap.height}, brightest value {envmap.peak:g}")
 
 # Its distribution lives on a device. The flux is the integral of (R + G + B) / 3 over all directions.
 device = lightdome.open_device()
@@ -29,6 +28,10 @@ x, y = samples.pixel[0]
 print(f"first sample: pixel ({x}, {y}), direction {samples.direction[0]}, radiance {samples.radiance[0]}")
 print(f"  drawn with probability {samples.probability[0]:.3g}, density {samples.density[0]:.3g} per steradian")
 
+# Where 64 of them lie on the map, of which every fourth pixel is shown: most are in windows and lamps.
+picture = lightdome.show(envmap.radiance[::4, ::4], samples[:64].pixel // 4).pixels
+lightdome.write_image(out / "samples.png", picture)
+
 # Each stands for a share of the light, and together they are all of it: since they are drawn by (R + G + B) / 3,
 # every one has the same share of that. It is only where they come from that is random.
 print(f"flux of the samples: {samples.flux.mean(axis=1).sum():.4f}")
@@ -36,5 +39,6 @@ print(f"flux of the samples: {samples.flux.mean(axis=1).sum():.4f}")
 # The same samples light every pixel of the sphere. Linear radiance goes into a .pfm, a picture for the eye into a .png.
 image = lightdome.shade_samples(device, samples, resolution=255)
 lightdome.write_image(out / "sphere.pfm", image)
-lightdome.write_image(out / "sphere.png", lightdome.tone_map(image, lightdome.auto_exposure(image)))
-print(f"wrote {out}/sphere.pfm and sphere.png")
+picture = lightdome.tone_map(image, lightdome.auto_exposure(image))
+lightdome.write_image(out / "sphere.png", picture)
+print(f"wrote {out}/samples.png, sphere.pfm and sphere.png")

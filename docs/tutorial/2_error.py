@@ -12,10 +12,9 @@ try:
 except ImportError:
     sys.exit("lightdome is not installed for this Python; run scripts/demo, then the lesson with .venv/bin/python")
 
-SIZE = 255
+SIZE = 127
 
-clone = Path(__file__).resolve().parents[2]
-path = Path(sys.argv[1]) if len(sys.argv) > 1 else clone / "data" / "default.exr"
+path = Path(sys.argv[1]) if len(sys.argv) > 1 else lightdome.default_map()
 out = Path("out/tutorial")
 out.mkdir(parents=True, exist_ok=True)
 device = lightdome.open_device()
@@ -46,6 +45,6 @@ for estimator in ("light", "bsdf", "mis", "product"):
 shared = lightdome.shade_samples(device, distribution.sample(64), SIZE)
 ((_, fresh),) = render(distribution, [64], SIZE)
 exposure = lightdome.auto_exposure(truth)
-row = np.concatenate([lightdome.tone_map(image, exposure) for image in (shared, fresh, truth)], axis=1)
-lightdome.write_image(out / "bias_noise_truth.png", row)
+picture = np.concatenate([lightdome.tone_map(image, exposure) for image in (shared, fresh, truth)], axis=1)
+lightdome.write_image(out / "bias_noise_truth.png", picture)
 print(f"wrote {out}/bias_noise_truth.png: 64 samples for all pixels, 64 for each, the truth")

@@ -6,14 +6,14 @@ from pathlib import Path
 
 try:
     import lightdome
+    import numpy as np
     from lightdome.reference import relative_rmse
 except ImportError:
     sys.exit("lightdome is not installed for this Python; run scripts/demo, then the lesson with .venv/bin/python")
 
-SIZE = 255
+SIZE = 127
 
-clone = Path(__file__).resolve().parents[2]
-path = Path(sys.argv[1]) if len(sys.argv) > 1 else clone / "data" / "default.exr"
+path = Path(sys.argv[1]) if len(sys.argv) > 1 else lightdome.default_map()
 out = Path("out/tutorial")
 out.mkdir(parents=True, exist_ok=True)
 device = lightdome.open_device()
@@ -22,18 +22,25 @@ distribution = lightdome.build_distribution(device, envmap)
 truth = lightdome.exact(device, envmap, SIZE)
 
 # Median cut: rectangles of equal energy, each one light. No chance, so no noise, and any number will do.
+spheres = [truth]
 for count in (4, 16, 64, 100):
     lights = lightdome.median_cut(distribution, count)
-    image = lightdome.shade(device, lights.direction, lights.flux, SIZE)
+    image = lightdome.shade(device, lights, resolution=SIZE)
+    spheres.append(image)
     print(f"{count:>4} lights: {100 * relative_rmse(image, truth):6.2f} % from the exact image")
 
-# One light a line: the direction towards it, and its flux, which is the irradiance of a surface that faces it.
+# The exact image, and those of 4 and 16 lights.
+exposure = lightdome.auto_exposure(truth)
+picture = np.concatenate([lightdome.tone_map(image, exposure) for image in spheres[:3]], axis=1)
+lightdome.write_image(out / "lights.png", picture)
+
+# One light per line: the direction towards it, and its flux, which is the irradiance of a surface that faces it.
 lightdome.write_csv(out / "lights.csv", lights)
 lightdome.write_pbrt(out / "lights.pbrt", lights)
 print((out / "lights.csv").read_text().partition("\n")[0])
-print(f"wrote {out}/lights.csv and lights.pbrt, {len(lights)} lights")
+print(f"wrote {out}/lights.png, and {len(lights)} lights into lights.csv and lights.pbrt")
 
-# Or no lights at all: nine numbers a channel, for a shader.
+# Or no lights at all: nine numbers per channel, for a shader.
 harmonics = lightdome.project(device, envmap, order=2)
 image = lightdome.shade_harmonics(device, harmonics, SIZE)
 print(f"9 harmonics: {100 * relative_rmse(image, truth):6.2f} %")

@@ -13,8 +13,7 @@ except ImportError:
 
 SIZE = 63
 
-clone = Path(__file__).resolve().parents[2]
-path = Path(sys.argv[1]) if len(sys.argv) > 1 else clone / "data" / "default.exr"
+path = Path(sys.argv[1]) if len(sys.argv) > 1 else lightdome.default_map()
 out = Path("out/tutorial")
 out.mkdir(parents=True, exist_ok=True)
 device = lightdome.open_device()

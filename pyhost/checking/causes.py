@@ -18,7 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..maps.geometry import row_angles, solid_angles
+from ..maps.geometry import solid_angles
+from .laws import CHANGES, LAWS, right
 
 Effect = Callable[[np.ndarray], np.ndarray]
 Placed = Callable[[np.ndarray, np.ndarray, int, int], tuple[np.ndarray, np.ndarray]]
@@ -39,17 +40,13 @@ class Cause:
     picture: Callable[[np.ndarray], np.ndarray] | None = None
     factors: tuple[int, ...] = (0, 1)  # 0: its own brightness tells it apart; 1: with any other its shape does
     about: bool = False  # its brightness is known roughly, as the spread of its samples is large
+    in_pictures: bool | None = None  # whether a PNG or PPM file shows it, or other files do; None for all
     by_pixels: bool = False  # it depends on single pixels, so that a smaller map does not show it
 
 
-def luminance(radiance: np.ndarray) -> np.ndarray:
-    """I = (R + G + B) / 3, (H, W)."""
-    return radiance.mean(axis=2)
-
-
-def pixel_areas(radiance: np.ndarray) -> np.ndarray:
-    """Solid angles of the pixels, (H, 1)."""
-    return solid_angles(*radiance.shape[:2])[:, None]
+def centred(y: np.ndarray, x: np.ndarray, H: int, W: int) -> tuple[np.ndarray, np.ndarray]:
+    """The right angles theta and phi, of the centres of pixels."""
+    return np.pi * (y + 0.5) / H, 2 * np.pi * (x + 0.5) / W
 
 
 def drawn_with(weight: np.ndarray, radiance: np.ndarray) -> np.ndarray:
@@ -57,54 +54,13 @@ def drawn_with(weight: np.ndarray, radiance: np.ndarray) -> np.ndarray:
     total = weight.sum()
     if not total > 0:
         return np.zeros_like(radiance)
-    I, area = luminance(radiance), pixel_areas(radiance)  # noqa: E741 - the formula's name
-    flux = (I * area).sum()
-    per_light = np.divide(weight, I, out=np.zeros_like(I), where=I > 0) / total * flux / area
-    return radiance * per_light[..., None]
+    q, p = weight / total, right(radiance)
+    return radiance * np.divide(q * p.sum(), p, out=np.zeros_like(p), where=p > 0)[..., None]
 
 
-def _sine(radiance: np.ndarray) -> np.ndarray:
-    return np.sin(row_angles(len(radiance)))[:, None]
-
-
-def _rec709(radiance: np.ndarray) -> np.ndarray:
-    return drawn_with(radiance @ np.array([0.2126, 0.7152, 0.0722]) * _sine(radiance), radiance)
-
-
-def _other_rows(radiance: np.ndarray) -> np.ndarray:
-    """The row is drawn from the right CDF, the column from that of the next row."""
-    weight = luminance(radiance) * _sine(radiance)
-    total = weight.sum(axis=1, keepdims=True)
-    share = np.divide(weight, total, out=np.zeros_like(weight), where=total > 0)
-    return drawn_with(total * np.roll(share, -1, axis=0), radiance)
-
-
-def _sorted(radiance: np.ndarray) -> np.ndarray:
-    return drawn_with(np.sort(luminance(radiance) * _sine(radiance), axis=1), radiance)
-
-
-def _same_number(radiance: np.ndarray) -> np.ndarray:
-    """One random number picks the row, and the same one the column."""
-    weight = luminance(radiance) * _sine(radiance)
-    rows = weight.sum(axis=1)
-    if not rows.sum() > 0:
-        return np.zeros_like(radiance)
-    u = (np.arange(2**18) + 0.5) / 2**18
-    cdf = np.cumsum(rows)
-    y = np.searchsorted(cdf, u * cdf[-1], side="right").clip(max=len(rows) - 1)
-    within = np.cumsum(weight, axis=1)
-    x = np.empty_like(y)
-    for row in np.unique(y):
-        here = y == row
-        x[here] = np.searchsorted(within[row], u[here] * within[row, -1], side="right")
-    x = x.clip(max=weight.shape[1] - 1)
-    drawn = np.bincount(y * weight.shape[1] + x, minlength=weight.size).reshape(weight.shape).astype(float)
-    return drawn_with(drawn, radiance)
-
-
-def _first_row_lost(radiance: np.ndarray) -> np.ndarray:
-    """The CDF over rows has no entry for row 0, so that each row found is one too far down."""
-    return drawn_with(np.roll(luminance(radiance) * _sine(radiance), 1, axis=0), radiance)
+def _drawn_by(name: str) -> Effect:
+    law = next(law for of, law in LAWS if of == name)
+    return lambda L: drawn_with(law(L), L)
 
 
 def _unclamped(irradiance: Irradiance, normal: np.ndarray) -> np.ndarray:
@@ -129,7 +85,7 @@ CAUSES = (
         "the weights of pixels lack sin(theta), or the density lacks the pixel's solid angle",
         "too much light from the poles of the map, straight up and straight down",
         "where the luminance is multiplied for the CDFs, and where p(x, y) is divided by the solid angle",
-        lambda L: drawn_with(luminance(L), L),
+        _drawn_by("no sin(theta)"),
         factors=(1,),
     ),
     Cause(
@@ -137,7 +93,7 @@ CAUSES = (
         "the radiance is divided by p(x, y), the probability of a pixel, and not by p(x, y) / solid angle of the pixel",
         "thousands of times too bright, and too much light from straight up and straight down",
         "where a sample's term is divided by its density",
-        lambda L: L / pixel_areas(L)[..., None],
+        lambda L: L / solid_angles(*L.shape[:2])[:, None, None],
         factors=(1,),
         about=True,
     ),
@@ -146,7 +102,7 @@ CAUSES = (
         "sin(theta) is in the weights twice, or in the weights and in the term",
         "too little light from above and from below",
         "where the luminance is multiplied for the CDFs, and again in the sum over samples",
-        lambda L: drawn_with(luminance(L) * _sine(L) ** 2, L),
+        _drawn_by("sin(theta) twice"),
         factors=(1,),
     ),
     Cause(
@@ -196,7 +152,7 @@ CAUSES = (
         "the number that picks the row picks the column too",
         "only a curve of pixels through the map is ever drawn, and most lamps are never seen",
         "where the sample's two random numbers are made",
-        _same_number,
+        _drawn_by("one random number for row and column"),
         by_pixels=True,
     ),
     Cause(
@@ -204,7 +160,7 @@ CAUSES = (
         "the column is drawn from the CDF of a neighbouring row",
         "light is spread; edges of lamps shine wrongly",
         "where the row's CDF is looked up: its offset is row x width",
-        _other_rows,
+        _drawn_by("row CDF of another row"),
         by_pixels=True,
     ),
     Cause(
@@ -212,7 +168,7 @@ CAUSES = (
         "the CDF over rows has no entry for row 0: the row found is one too far down",
         "the light is lower by a row: seen on small maps only",
         "where the prefix sum starts, and what the search returns",
-        _first_row_lost,
+        _drawn_by("CDF starts at row 1"),
         by_pixels=True,
     ),
     Cause(
@@ -220,14 +176,14 @@ CAUSES = (
         "the weights were sorted before they were summed",
         "all light comes from one side of the map, from its right columns",
         "where the CDF is built: the order must be that of the pixels",
-        _sorted,
+        _drawn_by("CDF sorted"),
     ),
     Cause(
         "luminance of Rec. 709",
         "pixels are drawn by 0.2126 R + 0.7152 G + 0.0722 B, and divided by (R + G + B) / 3",
         "coloured lamps are too bright or too dark",
         "one definition of luminance must serve both the CDFs and the term",
-        _rec709,
+        _drawn_by("luminance of Rec. 709"),
         factors=(1,),
     ),
     Cause(
@@ -235,28 +191,28 @@ CAUSES = (
         "the map's values were clipped to 1 before sampling, as in an 8-bit picture",
         "lamps are far too weak",
         "where the map is read or converted",
-        lambda L: np.minimum(L, 1.0),
+        CHANGES["map clipped to 1"],
     ),
     Cause(
         "map clipped to 255",
         "the map's values were clipped to 255",
         "the sun or the brightest lamps are too weak",
         "where the map is read or converted",
-        lambda L: np.minimum(L, 255.0),
+        CHANGES["map clipped to 255"],
     ),
     Cause(
         "map gamma-encoded",
         "the map's values were raised to 1 / 2.2, as for a display",
         "little contrast: lamps too weak, walls too bright",
         "where the map is read: radiance is linear",
-        lambda L: L ** (1 / 2.2),
+        CHANGES["map gamma-encoded"],
     ),
     Cause(
         "gamma decoded from linear values",
         "the map's values were raised to 2.2, though they are linear",
         "lamps are far too strong beside the rest",
         "where the map is read: radiance is linear",
-        lambda L: L**2.2,
+        CHANGES["gamma decoded from linear values"],
         factors=(1,),
     ),
     Cause(
@@ -272,6 +228,7 @@ CAUSES = (
         "little contrast on the sphere, and too bright",
         "where the image is written: a .pfm or .exr holds linear radiance",
         picture=lambda pixels: np.maximum(pixels, 0) ** (1 / 2.2),
+        in_pictures=False,
     ),
     Cause(
         "image clipped to 1",
@@ -279,6 +236,23 @@ CAUSES = (
         "flat white areas",
         "where the image is written: a .pfm or .exr holds any radiance",
         picture=lambda pixels: np.minimum(pixels, 1.0),
+        in_pictures=False,
+    ),
+    Cause(
+        "picture not gamma-encoded",
+        "the picture holds linear values; a .png or .ppm needs them raised to 1 / 2.2 or encoded as sRGB",
+        "too dark, with too much contrast",
+        "where values from 0 to 1 become whole numbers from 0 to 255",
+        picture=lambda pixels: np.maximum(pixels, 0) ** 2.2,
+        in_pictures=True,
+    ),
+    Cause(
+        "picture gamma-encoded twice",
+        "the picture's values were raised to 1 / 2.2 twice, or encoded by the program and again by its library",
+        "too pale, with little contrast",
+        "where values from 0 to 1 become whole numbers from 0 to 255",
+        picture=lambda pixels: np.maximum(pixels, 0) ** (1 / 2.2),
+        in_pictures=True,
     ),
     Cause(
         "cosine not clamped",

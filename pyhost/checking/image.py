@@ -10,9 +10,10 @@ explains it as well.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -22,12 +23,11 @@ from ..disc import disc_mask
 from ..errors import LightdomeError
 from ..evaluation.metrics import relative_rmse
 from ..lighting.exact import exact, exact_kept
-from ..lighting.shade import shade
 from ..maps.envmap import EnvironmentMap
 from ..maps.geometry import directions, solid_angles
 from ..opencl.device import Device
 from ..progress import Progress
-from .causes import CAUSES, Cause, Irradiance
+from .causes import CAUSES, Cause, Irradiance, Placed, centred
 from .disc import find_disc, seen_in
 from .files import GAMMA
 from .statistics import (
@@ -48,8 +48,11 @@ GRID = 63  # pixels across the disc, of images that hypotheses expect
 FEW = 4  # of its pixels, each of which counts where covariances are made
 DRAWN = 1024  # samples for those
 MAP_ROWS = 512  # of the map from which those are made
+BLOCKS = 64  # rows of them, by which mistakes are made that the device has no kernel for
+MAP_ROWS_OF_PAIRS, BLOCKS_OF_PAIRS = 128, 16  # the same for two mistakes at once, of which there are many
 LIMIT = 5.0  # standard deviations, from which on an image is biased
 EXPLAINED = 0.1  # share of the deviations that may be left: with a mistake, samples have another spread
+EXPLAINED_BY_TWO = 0.04  # the same of two mistakes at once: of so many pairs one may fit by chance
 CLEAR = 1.0  # standard deviations, by which an explanation must be better than another
 CONVERGED = 0.005  # relative RMSE, up to which an image without a number of samples agrees
 PRECISION = 1e-3  # of a moment: what rounding, other integrals and other pixel filters may change
@@ -59,6 +62,11 @@ FEWEST = 16  # samples, that an image without a number of them may have
 TIMES = 30  # as many samples as the right image would need, from which an explanation of such an image counts
 MOST_DRAWN = 2**20  # samples of sets that are drawn; of more, sums are as normal numbers
 EVENTS = 50  # lamps that are hit in all of an image, below which nothing can be said of those that are not
+FLIPS: dict[str, tuple[slice, slice]] = {
+    "mirrored left to right": np.s_[:, ::-1],
+    "upside down": np.s_[::-1, :],
+    "turned by 180 degrees in the image": np.s_[::-1, ::-1],
+}
 FACTORS = {
     math.pi: "the 1 / pi of the BRDF is missing",
     1 / math.pi: "divided by pi twice",
@@ -78,7 +86,7 @@ class ImageCheck:
 
     - ``agrees``: True, False, or None where it cannot be told
     - ``verdict``: a line that says so, with the cause if it is known
-    - ``cause``: the mistake that explains the image, else None
+    - ``cause``: the mistake that explains the image, or the first of two, else None
     - ``orientation``: how the image is turned or mirrored, "" for not at all
     - ``factor``: (3,), what the image is multiplied by, by channel; 1 where it is right
     - ``disc``: centre x, centre y and radius of the sphere in the file's image, pixels from its upper left corner
@@ -189,7 +197,7 @@ class _Hypothesis:
     """
 
     pixels: np.ndarray
-    cause: Cause | None = None
+    causes: tuple[Cause, ...] = ()
     orientation: Orientation | None = None
     covariance: np.ndarray | None = None
     factors: int = 0
@@ -199,9 +207,22 @@ class _Hypothesis:
     def simplicity(self) -> float:
         """Standard deviations that a hypothesis must be better by than the simplest one."""
         factors = 1.0 if self.is_named else 2.0 * self.factors**0.5
-        if self.cause is not None and self.cause.about:
+        if any(cause.about for cause in self.causes):
             factors = 0.0
-        return factors + 1.0 * (self.cause is not None) + 1.5 * (self.orientation is not None)
+        return factors + 1.0 * len(self.causes) + 1.5 * (self.orientation is not None)
+
+
+def _reduced(envmap: EnvironmentMap, rows: int) -> EnvironmentMap:
+    """The map, or one of at most so many rows."""
+    height, width = envmap.height, envmap.width
+    step = -(-height // rows)
+    if step == 1:
+        return envmap
+    area = solid_angles(height, width)[:, None, None].astype(np.float32)
+    across = np.add.reduceat(envmap.radiance, np.arange(0, width, step), axis=1)
+    across /= np.diff(np.arange(0, width + step, step).clip(max=width))[:, None]
+    first = np.arange(0, height, step)
+    return EnvironmentMap(np.add.reduceat(across * area, first) / np.add.reduceat(area, first))
 
 
 class Reference:
@@ -227,41 +248,36 @@ class Reference:
     @cached_property
     def small(self) -> EnvironmentMap:
         """The map, or one of fewer rows if it has many."""
-        height, width = self.envmap.height, self.envmap.width
-        step = -(-height // MAP_ROWS)
-        if step == 1:
-            return self.envmap
-        area = solid_angles(height, width)[:, None, None].astype(np.float32)
-        across = np.add.reduceat(self.envmap.radiance, np.arange(0, width, step), axis=1)
-        across /= np.diff(np.arange(0, width + step, step).clip(max=width))[:, None]
-        rows = np.arange(0, height, step)
-        return EnvironmentMap(np.add.reduceat(across * area, rows) / np.add.reduceat(area, rows))
+        return _reduced(self.envmap, MAP_ROWS)
 
     @cached_property
-    def blocks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Lights of blocks of pixels, 64 rows of them: rows (N,) and columns (N,) of the map, and flux (N, 3)."""
-        radiance = self.small.radiance.astype(np.float64)
+    def smaller(self) -> EnvironmentMap:
+        """That for pairs of mistakes."""
+        return _reduced(self.envmap, MAP_ROWS_OF_PAIRS)
+
+    def blocks(self, radiance: np.ndarray, rows: int = BLOCKS) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Lights of blocks of pixels, so many rows of them: row (N,) and column (N,) in the map, and flux (N, 3)."""
         height, width = radiance.shape[:2]
         flux = (radiance * solid_angles(height, width)[:, None, None]).reshape(-1, 3)
         y, x = np.divmod(np.arange(height * width), width)
-        step = max(1, height // 64)
+        step = max(1, height // rows)
         block = (y // step) * (-(-width // step)) + x // step
         light = flux.mean(axis=1)
         sums = np.bincount(block, light)
         lit = sums > 0
         row, column = (np.bincount(block, light * at)[lit] / sums[lit] for at in (y, x))
         total = np.stack([np.bincount(block, flux[:, c])[lit] for c in range(3)], axis=1)
-        # In pixels of the map itself, centres of which are whole numbers.
-        by = self.envmap.height / height, self.envmap.width / width
-        return (row + 0.5) * by[0] - 0.5, (column + 0.5) * by[1] - 0.5, total
+        return *self._own(row, column, height, width), total
 
-    @cached_property
-    def light(self) -> Irradiance:
-        """What the surface reflects of the blocks, as a function of vectors (N, 3) of any length."""
-        row, column, flux = self.blocks
-        height, width = self.envmap.height, self.envmap.width
-        direction = directions(np.pi * (row + 0.5) / height, 2 * np.pi * (column + 0.5) / width)
-        direction = direction.astype(np.float32)
+    def _own(self, row: np.ndarray, column: np.ndarray, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+        """Places in a map of another size, in pixels of the map itself, centres of which are whole numbers."""
+        own = self.envmap
+        return (row + 0.5) * (own.height / height) - 0.5, (column + 0.5) * (own.width / width) - 0.5
+
+    def _light(self, radiance: np.ndarray, placed: Placed = centred, rows: int = BLOCKS) -> Irradiance:
+        """What the surface reflects of a map's blocks, as a function of vectors (N, 3) of any length."""
+        row, column, flux = self.blocks(radiance.astype(np.float64), rows)
+        direction = directions(*placed(row, column, self.envmap.height, self.envmap.width)).astype(np.float32)
         flux = (flux * (self.albedo / math.pi)).astype(np.float32)
 
         def irradiance(vector: np.ndarray) -> np.ndarray:
@@ -271,52 +287,75 @@ class Reference:
         return irradiance
 
     @cached_property
+    def light(self) -> Irradiance:
+        return self._light(self.small.radiance)
+
+    @cached_property
     def seen(self) -> np.ndarray:
         """The disc's pixels lit by the blocks."""
         return self.light(self.grid)
+
+    @cached_property
+    def seen_smaller(self) -> np.ndarray:
+        return self._light(self.smaller.radiance, rows=BLOCKS_OF_PAIRS)(self.grid)
 
     @cached_property
     def table(self) -> np.ndarray:
         return table_of(self.light)
 
     @cached_property
-    def causes(self) -> list[tuple[Cause, np.ndarray, np.ndarray | None]]:
-        """The known mistakes that this map can show, what the disc looks like with each, and the covariance then."""
+    def causes(self) -> list[_Hypothesis]:
+        """The known mistakes that this map can show."""
+        return self._made([(cause,) for cause in CAUSES], "making what mistakes look like")
+
+    @cached_property
+    def pairs(self) -> list[_Hypothesis]:
+        """Two of the mistakes at once. Those in reading the map stand last in the list, and come first."""
+        shown = [made.causes[0] for made in self.causes]
+        return self._made(list(combinations(reversed(shown), 2)), "making what two mistakes look like")
+
+    def _made(self, lists: Sequence[tuple[Cause, ...]], label: str) -> list[_Hypothesis]:
         result = []
-        with Progress("making what mistakes look like") as progress:
-            for i, cause in enumerate(CAUSES):
-                seen = self._with(cause)
-                if seen is not None:
-                    result.append((cause, *seen))
-                progress.update((i + 1) / len(CAUSES))
+        with Progress(label) as progress:
+            for n, causes in enumerate(lists, 1):
+                if made := self._with(causes):
+                    result.append(made)
+                progress.update(n / len(lists))
         return result
 
-    def _with(self, cause: Cause) -> tuple[np.ndarray, np.ndarray | None] | None:
-        """The disc's pixels with that mistake and the covariance, None if this map does not show it."""
+    def _with(self, causes: tuple[Cause, ...]) -> _Hypothesis | None:
+        """What the disc looks like with these mistakes; None if this map does not show one, or one excludes another."""
+        placed = [cause.placed for cause in causes if cause.placed] or [centred]
+        surface = [cause.surface for cause in causes if cause.surface] or [lambda light, normal: light(normal)]
+        picture = [cause.picture for cause in causes if cause.picture] or [lambda pixels: pixels]
+        if max(len(placed), len(surface), len(picture)) > 1:
+            return None
+        single = len(causes) == 1
+        small, seen, rows = (
+            (self.small, self.seen, BLOCKS) if single else (self.smaller, self.seen_smaller, BLOCKS_OF_PAIRS)
+        )
+        radiance = small.radiance.astype(np.float64)
+        for cause in causes:
+            if cause.effect:
+                if cause.by_pixels and small is not self.envmap:
+                    return None
+                with np.errstate(over="ignore"):
+                    changed = np.minimum(cause.effect(radiance), np.finfo(np.float32).max)
+                if np.array_equal(changed.astype(np.float32), radiance.astype(np.float32)):
+                    return None
+                radiance = changed
+        pixels = self.right + surface[0](self._light(radiance, placed[0], rows), self.grid) - seen
+        made = _Hypothesis(picture[0](pixels), causes)
+        if not single or causes[0].picture:  # the right image's covariance is near enough
+            return made
         drawn = self.drawn
-        if cause.picture:
-            return cause.picture(self.right), None
-        if cause.surface:
-            pixels = self.right + cause.surface(self.light, self.grid) - self.seen
-            cosine = cause.surface(lambda vector: np.maximum(0, vector @ drawn.direction.T), self.grid[::FEW])
-            return pixels, self.covariance(cosine, drawn)
-        if cause.placed:
-            height, width = self.envmap.height, self.envmap.width
-            row, column, flux = self.blocks
-            image = shade(self.device, directions(*cause.placed(row, column, height, width)), flux, GRID, self.albedo)
-            placed = directions(*cause.placed(drawn.row, drawn.column, height, width))
-            return self.right + self._pixels(image) - self.seen, self.covariance_of(placed, drawn)
-        assert cause.effect
-        if cause.by_pixels and self.small is not self.envmap:
-            return None
-        with np.errstate(over="ignore"):
-            radiance = np.minimum(cause.effect(self.small.radiance.astype(np.float64)), np.finfo(np.float32).max)
-        if np.array_equal(radiance.astype(np.float32), self.small.radiance):
-            return None
-        other = EnvironmentMap(radiance)
-        of_other = population(other, DRAWN)
-        pixels = self._pixels(exact(self.device, other, GRID, self.albedo))
-        return pixels, self.covariance_of(of_other.direction, of_other)
+        if causes[0].effect:
+            drawn = population(EnvironmentMap(radiance), DRAWN)
+            row, column = self._own(drawn.row, drawn.column, small.height, small.width)
+            drawn = replace(drawn, row=row, column=column)
+        towards = directions(*placed[0](drawn.row, drawn.column, self.envmap.height, self.envmap.width))
+        cosine = surface[0](lambda vector: np.maximum(0, vector @ towards.T), self.grid[::FEW])
+        return replace(made, covariance=self.covariance(cosine, drawn))
 
     @cached_property
     def drawn(self) -> Population:
@@ -447,23 +486,42 @@ class _Check:
                 _Hypothesis(turned, orientation=orientation, covariance=covariance, factors=scale)
                 for scale in scales[:2]
             ]
-        for cause, pixels, of_cause in reference.causes:
-            if cause.picture and not self.linear:
+        return [self._named(h) for h in result] + self._scaled(reference.causes)
+
+    def _scaled(self, mistaken: Sequence[_Hypothesis]) -> list[_Hypothesis]:
+        """With the factors that each may have; without those that cannot be."""
+        result = []
+        for one in mistaken:
+            if any(cause.in_pictures is not None and cause.in_pictures == self.linear for cause in one.causes):
                 continue
-            result += [
-                _Hypothesis(pixels, cause=cause, covariance=of_cause, factors=n)
-                for n in (cause.factors if self.linear else (1,))
-            ]
-        return [self._named(h) for h in result if self._is_as_bright(h)]
+            free = not self.linear or any(0 not in cause.factors for cause in one.causes)
+            result += [replace(one, factors=n) for n in ((1,) if free else (0, 1))]
+        return [h for h in result if self._is_as_bright(h)]
 
     def _is_as_bright(self, hypothesis: _Hypothesis) -> bool:
         """Whether the brightness is about what it is with the cause, where that is known roughly."""
-        about = self.linear and hypothesis.cause is not None and hypothesis.cause.about
+        about = self.linear and any(cause.about for cause in hypothesis.causes)
         return not about or 0.6 < self.factor(hypothesis)[0] < 1.6
+
+    def pairs(self) -> list[tuple[float, _Hypothesis]]:
+        """Explanations by two mistakes, a flipped image among them, and the standard deviations that each leaves."""
+        reference = self.reference
+        result = [(self.off(h), h) for h in self._scaled(reference.pairs)]
+        for name, flip in FLIPS.items():
+            other = _Check(reference, self.image[flip], self.count, self.per_pixel, self.linear)
+            other.of_samples, other.spread = self.of_samples, self.spread
+            for h in other._scaled(reference.causes):
+                whole = np.zeros((GRID, GRID, 3))
+                whole[reference.mask] = h.pixels
+                turned = replace(
+                    h, pixels=whole[flip][reference.mask], orientation=Orientation(name, 0.0), covariance=None
+                )
+                result.append((other.off(h), turned))
+        return result
 
     def _named(self, hypothesis: _Hypothesis) -> _Hypothesis:
         """The same, and whether people make its factor."""
-        if hypothesis.factors != 1 or hypothesis.cause or not self.linear:
+        if hypothesis.factors != 1 or not self.linear:
             return hypothesis
         return replace(hypothesis, is_named=bool(self._reason(float(self.factor(hypothesis)[0]))))
 
@@ -499,15 +557,17 @@ class _Check:
             self.of_samples = max(FEWEST, most) * TIMES
             self.spread = self._spread()
         tried = sorted(((self.off(h) + h.simplicity, h) for h in self.hypotheses()), key=lambda pair: pair[0])
+        explains = max(LIMIT, EXPLAINED * off)
         score, best = tried[0]
-        if score - best.simplicity < max(LIMIT, EXPLAINED * off):
+        if score - best.simplicity < explains:
             name = self._explanation(best)
-            rivals = {self._name(h): h for other, h in tried[1:] if other < score + CLEAR}
-            rivals.pop(self._name(best), None)
+            rivals = self._rivals(tried)
             if not rivals:
                 return told(False, f"does not agree; {name}", best)
-            others = ", or ".join(self._explanation(h) for h in rivals.values())
+            others = ", or ".join(self._explanation(h) for h in rivals)
             return told(False, f"does not agree; either {name}, or {others}", right)
+        if self.image.any(axis=2).mean() > 0.95:
+            return told(None, "cannot tell: this does not look like a sphere on a black background", right)
         if most:
             return told(
                 None,
@@ -515,7 +575,27 @@ class _Check:
                 " share; give their number with --samples, or with --spp that of each pixel",
                 right,
             )
+        pairs = sorted(((left + h.simplicity, h) for left, h in self.pairs()), key=lambda pair: pair[0])
+        score, best = pairs[0]
+        if score - best.simplicity < max(LIMIT, EXPLAINED_BY_TWO * off) and not self._is_odd(best):
+            rivals = self._rivals(pairs)
+            if not rivals:
+                return told(False, f"does not agree; two mistakes: {self._explanation(best)}", best)
+            closest = ", or ".join(" with ".join(filter(None, self._name(h))) for h in (best, *rivals[:2]))
+            return told(False, f"does not agree; more than one mistake; closest: {closest}", right)
         return told(False, f"biased by {off:.0f} standard deviations, for no reason that is known here", right)
+
+    def _is_odd(self, best: _Hypothesis) -> bool:
+        """Whether two mistakes need a factor besides that nobody makes."""
+        free = not self.linear or any(0 not in cause.factors for cause in best.causes)
+        return bool(best.factors) and not free and not self._reason(float(self.factor(best)[0]))
+
+    def _rivals(self, tried: Sequence[tuple[float, _Hypothesis]]) -> list[_Hypothesis]:
+        """Those that explain the image nearly as well as the first, and say something else."""
+        score, best = tried[0]
+        rivals = {self._name(h): h for other, h in reversed(tried[1:]) if other < score + CLEAR}
+        rivals.pop(self._name(best), None)
+        return list(reversed(rivals.values()))
 
     def _samples_that_agree(self, hypothesis: _Hypothesis) -> int:
         """The largest power of two of shared samples that would leave so much, 0 if none."""
@@ -557,17 +637,14 @@ class _Check:
 
     def _name(self, hypothesis: _Hypothesis) -> tuple[str, ...]:
         """What hypotheses that say the same have in common."""
-        cause = hypothesis.cause.name if hypothesis.cause else ""
-        return cause, str(hypothesis.orientation or "")
+        return *(cause.name for cause in hypothesis.causes), str(hypothesis.orientation or "")
 
     def _explanation(self, best: _Hypothesis) -> str:
-        said = []
-        if best.cause:
-            said.append(f"{best.cause.name}: {best.cause.what}")
+        said = [f"{cause.name}: {cause.what}" for cause in best.causes]
         if best.orientation:
             said.append(best.orientation.told())
         factor = self.factor(best)
-        if best.factors and self.linear and not (best.cause and 0 not in best.cause.factors):
+        if best.factors and self.linear and all(0 in cause.factors for cause in best.causes):
             said.append(self._brightness(factor) if best.factors == 1 else self._colours(factor))
         return "; ".join(said) or "the image is right but for its brightness"
 
@@ -602,7 +679,7 @@ class _Check:
             return ImageCheck(
                 agrees=agrees,
                 verdict=verdict,
-                cause=best.cause,
+                cause=next(iter(best.causes), None),
                 orientation=str(best.orientation or ""),
                 factor=by_channel,
                 disc=self.disc,

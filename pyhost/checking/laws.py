@@ -1,6 +1,6 @@
 """The laws by which pixels of a map are drawn, the right one and those of known mistakes: weights (H, W) of a map.
 
-The names are those of :data:`lightdome.checking.causes.CAUSES`, and of :data:`MORE`.
+The names are those of causes; a name's first law is the one that images are compared with.
 """
 
 from __future__ import annotations
@@ -10,52 +10,21 @@ from collections.abc import Callable
 import numpy as np
 
 from ..maps.geometry import row_angles
-from .causes import Cause, luminance
 
-MORE = (
-    Cause(
-        "rows drawn evenly",
-        "every row is drawn as often as every other, and only the column by its CDF",
-        "too much light from dark rows' lamps, and too little from bright ones",
-        "where the row is drawn: it needs the CDF of the rows' sums",
-    ),
-    Cause(
-        "columns drawn evenly",
-        "the row is drawn by its CDF, and the column evenly",
-        "lamps are spread along their rows",
-        "where the column is drawn: it needs the CDF of its row",
-    ),
-    Cause(
-        "pixels drawn evenly",
-        "every pixel is drawn as often as every other",
-        "much noise; too much light from the poles of the map if the density says otherwise",
-        "where the random numbers become a pixel",
-    ),
-    Cause(
-        "directions drawn evenly",
-        "directions are drawn evenly over the sphere, and not by the map",
-        "much noise",
-        "where the random numbers become a direction",
-    ),
-    Cause(
-        "column found one too far",
-        "the search in a row's CDF returns a neighbouring column",
-        "dark pixels beside lamps are drawn",
-        "where the search in the row's CDF ends: the first entry above the random number",
-    ),
-    Cause(
-        "one channel for the mean",
-        "pixels are drawn by one channel, and not by (R + G + B) / 3",
-        "coloured lamps are too bright or too dark",
-        "where the luminance is made",
-    ),
-    Cause(
-        "largest channel for the mean",
-        "pixels are drawn by their largest channel, and not by (R + G + B) / 3",
-        "coloured lamps are too bright or too dark",
-        "where the luminance is made",
-    ),
-)
+Law = Callable[[np.ndarray], np.ndarray]  # from radiance (H, W, 3) to weights (H, W)
+
+# What the map's values may have become.
+CHANGES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "map clipped to 1": lambda L: np.minimum(L, 1),
+    "map clipped to 255": lambda L: np.minimum(L, 255),
+    "map gamma-encoded": lambda L: L ** (1 / 2.2),
+    "gamma decoded from linear values": lambda L: L**2.2,
+}
+
+
+def luminance(radiance: np.ndarray) -> np.ndarray:
+    """I = (R + G + B) / 3, (H, W)."""
+    return radiance.mean(axis=2)
 
 
 def _sine(radiance: np.ndarray) -> np.ndarray:
@@ -74,7 +43,7 @@ def _share(radiance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return rows, np.divide(weight, rows, out=np.zeros_like(weight), where=rows > 0)
 
 
-def _of_neighbour(step: int) -> Callable[[np.ndarray], np.ndarray]:
+def _of_neighbour(step: int) -> Law:
     def weight(radiance: np.ndarray) -> np.ndarray:
         rows, share = _share(radiance)
         return rows * np.roll(share, step, axis=0)
@@ -82,11 +51,15 @@ def _of_neighbour(step: int) -> Callable[[np.ndarray], np.ndarray]:
     return weight
 
 
-def _rolled(step: int, axis: int) -> Callable[[np.ndarray], np.ndarray]:
+def _of_changed(change: Callable[[np.ndarray], np.ndarray]) -> Law:
+    return lambda L: right(change(L))
+
+
+def _rolled(step: int, axis: int) -> Law:
     return lambda L: np.roll(right(L), step, axis=axis)
 
 
-def _shifted_rows(step: int) -> Callable[[np.ndarray], np.ndarray]:
+def _shifted_rows(step: int) -> Law:
     def weight(radiance: np.ndarray) -> np.ndarray:
         rows, share = _share(radiance)
         return np.roll(rows, step, axis=0) * share
@@ -104,23 +77,20 @@ def _same_number(radiance: np.ndarray) -> np.ndarray:
     return np.maximum(0, np.minimum(across[:, 1:], down[1:, None]) - low) * (share > 0)
 
 
-LAWS: tuple[tuple[str, Callable[[np.ndarray], np.ndarray]], ...] = (
+LAWS: tuple[tuple[str, Law], ...] = (
     ("no sin(theta)", luminance),
     ("sin(theta) twice", lambda L: right(L) * _sine(L)),
     ("luminance of Rec. 709", lambda L: L @ np.array([0.2126, 0.7152, 0.0722]) * _sine(L)),
     ("luminance of Rec. 709", lambda L: L @ np.array([0.299, 0.587, 0.114]) * _sine(L)),
-    ("map clipped to 1", lambda L: right(np.minimum(L, 1))),
-    ("map clipped to 255", lambda L: right(np.minimum(L, 255))),
-    ("map gamma-encoded", lambda L: right(L ** (1 / 2.2))),
-    ("gamma decoded from linear values", lambda L: right(L**2.2)),
+    *((name, _of_changed(change)) for name, change in CHANGES.items()),
     ("theta over half its range", lambda L: luminance(L) * np.sin(row_angles(len(L)) / 2)[:, None]),
     ("one random number for row and column", _same_number),
     ("row CDF of another row", _of_neighbour(-1)),
     ("row CDF of another row", _of_neighbour(1)),
-    ("CDF starts at row 1", _shifted_rows(1)),
-    ("CDF starts at row 1", _shifted_rows(-1)),
     ("CDF starts at row 1", _rolled(1, 0)),
     ("CDF starts at row 1", _rolled(-1, 0)),
+    ("CDF starts at row 1", _shifted_rows(1)),
+    ("CDF starts at row 1", _shifted_rows(-1)),
     ("CDF sorted", lambda L: np.sort(right(L), axis=1)),
     ("CDF sorted", lambda L: np.sort(right(L), axis=1)[:, ::-1]),
     ("rows drawn evenly", lambda L: _share(L)[1]),

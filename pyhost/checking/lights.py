@@ -24,7 +24,8 @@ from ..maps.geometry import row_angles, solid_angles
 from ..opencl.device import Device
 from ..sampling.distribution import build_distribution
 from .causes import Cause
-from .places import CAUSES_OF_PLACES, CHANGES, Turn, turns
+from .laws import CHANGES
+from .places import CAUSES_OF_PLACES, Turn, turns
 from .samples import UNIT
 from .tables import TableCheck, cause_named, colours_of, directions_of, read_table, unit, verdict_of
 
@@ -248,7 +249,7 @@ class _Lights:
             return "sin(theta) twice", more
         if is_that_of(self.total, 1 / area):
             return "solid angle missing", more
-        for name, change in CHANGES:
+        for name, change in CHANGES.items():
             with np.errstate(over="ignore"):
                 other = (change(self.radiance) * sine).sum(axis=(0, 1)) * area
             if is_that_of(other, 1):

@@ -16,7 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..maps.conventions import PRESETS
+from ..maps.rotation import rotation_matrix
 from .causes import Cause
+from .laws import CHANGES
 
 FEW = 96  # directions that conventions are tried with
 SAME = 1e-3  # relative difference of values that are the same but for their printed digits
@@ -40,12 +42,6 @@ _AXES = {
 }
 
 
-def _yaw(u: float) -> np.ndarray:
-    """The matrix that moves directions by ``u`` of the map's width to the right."""
-    c, s = math.cos(2 * math.pi * u), math.sin(2 * math.pi * u)
-    return np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
-
-
 @dataclass(frozen=True)
 class Turn:
     """From the file's directions to lightdome's: one of :data:`_AXES`, then right by ``shift`` of the map's width."""
@@ -55,13 +51,13 @@ class Turn:
 
     @property
     def matrix(self) -> np.ndarray:
-        return _yaw(self.shift) @ _AXES[self.axes]
+        return rotation_matrix(-360 * self.shift) @ _AXES[self.axes]
 
     @property
     def preset(self) -> str | None:
         """The preset that it is."""
         for name, preset in PRESETS.items():
-            matrix = _yaw(preset.quarters / 4) @ np.array(preset.axes).T
+            matrix = rotation_matrix(-90 * preset.quarters) @ np.array(preset.axes).T
             if np.abs(matrix - self.matrix).max() < 1e-6:
                 return name
         return None
@@ -161,15 +157,6 @@ def places(direction: np.ndarray, height: int, width: int) -> tuple[np.ndarray, 
     return v, np.arctan2(z, x) * (width / (2 * np.pi)) % width
 
 
-# What the map's values may have become.
-CHANGES: tuple[tuple[str, Callable[[np.ndarray], np.ndarray]], ...] = (
-    ("map clipped to 1", lambda L: np.minimum(L, 1)),
-    ("map clipped to 255", lambda L: np.minimum(L, 255)),
-    ("map gamma-encoded", lambda L: L ** (1 / 2.2)),
-    ("gamma decoded from linear values", lambda L: L**2.2),
-)
-
-
 @dataclass(frozen=True)
 class Fit:
     """How directions and their values fit the map: the share ``fitting`` after a ``factor`` on the values."""
@@ -218,7 +205,7 @@ def find_fit(radiance: np.ndarray, direction: np.ndarray, values: np.ndarray) ->
                             best = *rank, Fit(fit.turn, geometry, change, fit.factor, fit.fitting)
         return best[2] if best and best[0] >= FITS else None
 
-    maps = [(name, change(radiance).sum(axis=2)) for name, change in CHANGES]
+    maps = [(name, change(radiance).sum(axis=2)) for name, change in CHANGES.items()]
     found = (
         search([("", sums)], [RIGHT], True, False)
         or search([(name, image) for name, image in maps if not np.array_equal(image, sums)], [RIGHT], False, False)

@@ -21,11 +21,10 @@ from .. import checks
 from ..errors import LightdomeError
 from ..maps.envmap import EnvironmentMap
 from ..maps.geometry import solid_angles
-from .causes import Cause, luminance
-from .laws import MORE, laws, right
+from .causes import Cause
+from .laws import CHANGES, laws, luminance, right
 from .places import (
     CAUSES_OF_PLACES,
-    CHANGES,
     LATTICES,
     RIGHT,
     Fit,
@@ -55,7 +54,48 @@ UNIT = 1e-3  # how far the length of a direction may be from 1
 
 CAUSES_OF_SAMPLES = (
     *CAUSES_OF_PLACES,
-    *MORE,
+    Cause(
+        "rows drawn evenly",
+        "every row is drawn as often as every other, and only the column by its CDF",
+        "too much light from dark rows' lamps, and too little from bright ones",
+        "where the row is drawn: it needs the CDF of the rows' sums",
+    ),
+    Cause(
+        "columns drawn evenly",
+        "the row is drawn by its CDF, and the column evenly",
+        "lamps are spread along their rows",
+        "where the column is drawn: it needs the CDF of its row",
+    ),
+    Cause(
+        "pixels drawn evenly",
+        "every pixel is drawn as often as every other",
+        "much noise; too much light from the poles of the map if the density says otherwise",
+        "where the random numbers become a pixel",
+    ),
+    Cause(
+        "directions drawn evenly",
+        "directions are drawn evenly over the sphere, and not by the map",
+        "much noise",
+        "where the random numbers become a direction",
+    ),
+    Cause(
+        "column found one too far",
+        "the search in a row's CDF returns a neighbouring column",
+        "dark pixels beside lamps are drawn",
+        "where the search in the row's CDF ends: the first entry above the random number",
+    ),
+    Cause(
+        "one channel for the mean",
+        "pixels are drawn by one channel, and not by (R + G + B) / 3",
+        "coloured lamps are too bright or too dark",
+        "where the luminance is made",
+    ),
+    Cause(
+        "largest channel for the mean",
+        "pixels are drawn by their largest channel, and not by (R + G + B) / 3",
+        "coloured lamps are too bright or too dark",
+        "where the luminance is made",
+    ),
     Cause(
         "density for probability",
         "the probability is divided by the pixel's solid angle already: it is a density per steradian",
@@ -257,7 +297,7 @@ class Located:
         factor = self.fit.factor
         seen = [("", _alike(self.radiance, pixels * factor))]
         seen += [("channels swapped", _alike(self.radiance[:, ::-1], pixels * factor))]
-        seen += [(name, _alike(self.radiance, change(pixels))) for name, change in CHANGES]
+        seen += [(name, _alike(self.radiance, change(pixels))) for name, change in CHANGES.items()]
         name, same = max(seen, key=lambda pair: pair[1].mean())  # the first of those that fit alike
         self.details["radiance_of_their_pixels_share"] = float(same.mean())
         if same.mean() < 0.95:

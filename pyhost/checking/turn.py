@@ -41,8 +41,7 @@ class Orientation:
 
     @property
     def matrix(self) -> np.ndarray:
-        c, s = math.cos(math.radians(self.yaw)), math.sin(math.radians(self.yaw))
-        return np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]]) @ TURNS[self.turn]
+        return rotation_matrix(-self.yaw) @ TURNS[self.turn]
 
     def told(self) -> str:
         """Its description, and the conventions of maps that would make it right."""

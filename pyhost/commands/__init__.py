@@ -1,1 +1,1 @@
-"""The commands: each parses its arguments, calls the library and says what it wrote."""
+"""The commands: each parses its arguments, calls the library, and prints what it wrote."""

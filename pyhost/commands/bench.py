@@ -10,7 +10,7 @@ from . import cli
 
 def main() -> None:
     parser = cli.parser(
-        "Measure every method's error and run time on one map, against the exact image that it converges to.\n\n"
+        "Measure every method's error and run time on one map, against the exact image it converges to.\n\n"
         "Writes bench.csv, bench.json (errors relative to that image, times in seconds) and plots: error against"
         " time, error against count, stages, images.",
         "--quick",
@@ -23,7 +23,7 @@ def main() -> None:
         nargs="+",
         default=[16, 64, 256, 1024, 4096],
         metavar="N",
-        help="samples or lights that all pixels share",
+        help="numbers of samples or lights that all pixels share",
     )
     parser.add_argument(
         "--methods",
@@ -44,8 +44,8 @@ def main() -> None:
         nargs="+",
         default=[],
         metavar="PATH",
-        help="PBRT programs, or their folders, to measure too (default: none; --peers pbrt takes that of lightdome"
-        " render)",
+        help="PBRT programs, or their folders, to measure too (default: none; --peers pbrt uses the one that lightdome"
+        " render uses)",
     )
     parser.add_argument(
         "--spp", type=cli.positive_int, nargs="+", default=[8, 16, 32, 64], metavar="N", help="samples per pixel"
@@ -53,13 +53,14 @@ def main() -> None:
     parser.add_argument(
         "--resolution", type=cli.positive_int, default=511, metavar="R", help="width and height of the images in pixels"
     )
-    parser.add_argument("--seeds", type=cli.times, default=8, metavar="N", help="seeds for the errors")
-    parser.add_argument("--repeats", type=cli.times, default=5, metavar="N", help="runs for the times")
+    parser.add_argument("--seeds", type=cli.times, default=8, metavar="N", help="number of seeds for the errors")
+    parser.add_argument("--repeats", type=cli.times, default=5, metavar="N", help="number of runs for the times")
     parser.add_argument(
         "--quick",
         action="store_true",
         help="smaller image, fewer counts, seeds and repeats: under half a minute on two cores",
     )
+    cli.explain_option(parser)
     cli.device_option(parser)
     args = parser.parse_args()
     if args.pbrt and "pbrt" not in args.peers:
@@ -91,6 +92,8 @@ def run(args: argparse.Namespace) -> None:
         for pixels in {"centres", *(method.pixels for method in chosen)}
     }
 
+    cli.explain(args, "the exact image", device.decisions.take())
+
     counts = {"shared": args.counts, "per pixel": args.spp}
     plan = [(method, count) for method in chosen for count in method.counts or sorted(set(counts[method.kind]))]
     points = []
@@ -105,6 +108,7 @@ def run(args: argparse.Namespace) -> None:
                 if not method.peer:
                     raise
                 found.absent[method.name] = f"failed at {count}: {error}"
+            cli.explain(args, f"{method.name} {count}", device.decisions.take())
             progress.update((done + 1) / len(plan))
 
     chosen = [method for method in chosen if method.name not in found.absent]
@@ -116,6 +120,7 @@ def run(args: argparse.Namespace) -> None:
     benchmark.write_method_json(out / "bench.json", points, made_with)
     title = f"{args.map.name}, {args.resolution} x {args.resolution}, {device.handle.name.strip()}"
     save_figure(benchmark_plot.error_against_time(points, title), out / "error_time.png")
+    save_figure(benchmark_plot.error_against_time_all(points, title), out / "error_time_all.png")
     save_figure(benchmark_plot.error_against_count(points, title), out / "error_count.png")
     save_figure(benchmark_plot.stages(points, title), out / "stages.png")
     middle = {kind: sorted(set(of_kind))[len(set(of_kind)) // 2] for kind, of_kind in counts.items()}
@@ -134,9 +139,12 @@ def run(args: argparse.Namespace) -> None:
             f"{p.method:<20}{p.count:>7}{100 * p.rmse:>10.3f}{100 * p.rmse_spread:>9.3f}"
             f"{100 * p.bias:>9.3f}{1e3 * p.wall_seconds:>10.2f}"
         )
-    print("\ncheapest method measured")
+    print("\nfastest method measured")
     for level in metrics.LEVELS:
         best = metrics.cheapest(points, level)
         said = f"{best.method} {best.count}, {1e3 * best.wall_seconds:.1f} ms" if best else "none"
         print(f"  for {100 * level:4.1f} %: {said}")
-    print(f"\nwrote {out}/bench.csv, bench.json, error_time.png, error_count.png, stages.png, images.png")
+    print(
+        f"\nwrote {out}/bench.csv, bench.json, error_time.png, error_time_all.png,"
+        " error_count.png, stages.png, images.png"
+    )

@@ -1,8 +1,8 @@
-"""What every script shares: argument types, output folders, and errors in one line.
+"""What all commands share: argument types, output folders, and errors in one line.
 
-A script parses its arguments, calls the library and says what it wrote. Its ``main`` runs
-under :func:`lightdome.console.run`, which turns a user's mistake into one line and exit status 1; argparse
-itself exits with 2 on a wrong command line. Defects of lightdome keep their traceback.
+A command parses its arguments, calls the library and prints what it wrote. Its ``main`` runs under
+:func:`lightdome.console.run`, which turns a user's mistake into one line and exit status 1; argparse itself exits with
+2 for a wrong command line. Defects of lightdome keep their traceback.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ if TYPE_CHECKING:
     from ..maps.envmap import EnvironmentMap
     from ..opencl.device import Device
 
-LINEAR, DISPLAYED = ["pfm", "exr"], ["ppm", "png"]  # formats of images, of radiance and of 8-bit values
+LINEAR, DISPLAYED = ["pfm", "exr"], ["ppm", "png"]  # image formats for radiance and for 8-bit values
 FORMATS = ["pfm", "ppm", "png"]
 
 
 class _Help(argparse.HelpFormatter):
-    """Keeps paragraphs, and says the default of every option that has one, as it would be typed."""
+    """Keeps paragraphs, and shows the default of each option that has one, as the user would type it."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         default = action.default
@@ -48,10 +48,10 @@ class _Help(argparse.HelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """Gives ``--rotate`` the numbers that follow it and no map, and completes a command line where a shell asks."""
+    """Lets ``--rotate`` take only the numbers that follow it, and completes command lines for a shell."""
 
     def parse_args(self, *arguments: Any, **options: Any) -> argparse.Namespace:  # type: ignore[override]
-        """As usual, unless a shell asks, and argcomplete is installed: then print its answer and exit."""
+        """As usual, unless a shell asks for completions and argcomplete is installed: print them and exit."""
         if "_ARGCOMPLETE" in os.environ:
             with contextlib.suppress(ImportError):
                 import argcomplete
@@ -60,7 +60,7 @@ class Parser(argparse.ArgumentParser):
         return super().parse_args(*arguments, **options)
 
     def parse_known_args(self, args=None, namespace=None):  # type: ignore[no-untyped-def]
-        """As usual, but ``--rotate 1 2 3`` counts as one word, which :func:`_angles` takes apart."""
+        """As usual, except that ``--rotate 1 2 3`` becomes one word, which :func:`_angles` splits."""
         words: list[str] = []
         for word in sys.argv[1:] if args is None else args:
             if words and words[-1].partition("=")[0] == "--rotate" and _is_number(word):
@@ -79,9 +79,9 @@ def _is_number(text: str) -> bool:
 
 
 def parser(description: str, example: str, out: str | None = None) -> argparse.ArgumentParser:
-    """An argument parser with the look that all commands share, and the option ``--out`` if there is a default.
+    """An argument parser in the style that all commands share, with the option ``--out`` if ``out`` is its default.
 
-    The first paragraph of ``description`` is the purpose in one line; ``example`` holds the arguments of one.
+    The first paragraph of ``description`` is the purpose in one line; ``example`` holds the arguments of an example.
     """
     result = Parser(
         prog=Path(sys.argv[0]).name,
@@ -95,28 +95,28 @@ def parser(description: str, example: str, out: str | None = None) -> argparse.A
 
 
 def program(command: str | None = None) -> str:
-    """How a user types this command, or another one: as the console program's, or as a script."""
+    """How a user types this command or another: as a command of ``lightdome``, or as a script."""
     if command is None:
         return f"scripts/{Path(sys.argv[0]).name}" if _is_script() else sys.argv[0]
     return f"scripts/{COMMANDS[command].module}.py" if _is_script() else f"lightdome {command}"
 
 
 def _is_script() -> bool:
-    """Whether a script runs the command, and not the console program."""
+    """Whether a script runs the command, rather than the console program."""
     return Path(sys.argv[0]).suffix == ".py"
 
 
 def _data_folder() -> Path:
-    """``data/`` beside the folder of the script that runs, else that of the map that ships."""
+    """``data/`` next to the folder of the running script, else the folder of the default map."""
     of_script = Path(sys.argv[0]).resolve().parent.parent / "data"
     return of_script if _is_script() and of_script.is_dir() else default_map().parent
 
 
 def map_options(parser: argparse.ArgumentParser, positional: bool = False) -> None:
-    """Add ``--map`` and how to read it, for :func:`load_map`.
+    """Add ``--map`` and the options for reading it, for :func:`load_map`.
 
-    The default is Grace if it is in the folder of :func:`_data_folder`, else the map that ships. With ``positional``
-    the map is an argument that must be given.
+    The default is Grace if it is in the folder of :func:`_data_folder`, else the map that comes with lightdome. With
+    ``positional``, the map is a required positional argument.
     """
     data = _data_folder()
     grace = data / "grace_latlong.exr"
@@ -131,7 +131,7 @@ def map_options(parser: argparse.ArgumentParser, positional: bool = False) -> No
     parser.add_argument(
         "--layer",
         metavar="NAME",
-        help="layer or part of an .exr file that is the map (default: R, G, B or Y, else the only one that can be it)",
+        help="layer or part of an .exr file that is the map (default: R, G, B or Y, else the only possible one)",
     )
     parser.add_argument(
         "--sanitize",
@@ -151,13 +151,13 @@ def projection_option(parser: argparse.ArgumentParser) -> None:
         "--projection",
         choices=PROJECTIONS,
         metavar="NAME",
-        help=f"how the map lies in its file: {', '.join(PROJECTIONS)} (default: what its header, its sides and black"
-        " corners say)",
+        help=f"projection of the file: {', '.join(PROJECTIONS)} (default: detected from its header, its sides and black"
+        " corners)",
     )
 
 
 def orientation_options(parser: argparse.ArgumentParser) -> None:
-    """Add ``--convention``, which is undone first, ``--mirror``, and ``--rotate``, which comes last."""
+    """Add ``--convention``, which is applied first, ``--mirror``, and ``--rotate``, which is applied last."""
     parser.add_argument(
         "--convention",
         choices=CONVENTIONS,
@@ -170,13 +170,13 @@ def orientation_options(parser: argparse.ArgumentParser) -> None:
         "--rotate",
         type=_angles,
         metavar="YAW [PITCH ROLL]",
-        help="turn the map by degrees about +y (counter-clockwise from above), +x and +z, after --convention and"
+        help="rotate the map by degrees about +y (counter-clockwise from above), +x and +z, after --convention and"
         " --mirror (default: 0 0 0)",
     )
 
 
 def _angles(text: str) -> list[float]:
-    """Argument type: a yaw, or a yaw, a pitch and a roll, with spaces between them."""
+    """Argument type: a yaw, or a yaw, a pitch and a roll, separated by spaces."""
     values = [finite_float(word) for word in text.split()]
     if len(values) not in (1, 3):
         raise argparse.ArgumentTypeError(f"expected YAW or YAW PITCH ROLL, got {len(values)} numbers")
@@ -184,7 +184,7 @@ def _angles(text: str) -> list[float]:
 
 
 def map_arguments(args: argparse.Namespace) -> list[object]:
-    """The options of :func:`map_options` as they would be typed for another command."""
+    """The options of :func:`map_options` as typed for another command."""
     result: list[object] = ["--map", args.map]
     if args.layer is not None:
         result.append(f"--layer={args.layer}")
@@ -199,7 +199,7 @@ def map_arguments(args: argparse.Namespace) -> list[object]:
 
 
 def quicken(parser: argparse.ArgumentParser, args: argparse.Namespace, **values: object) -> None:
-    """Set the options that ``--quick`` makes smaller to ``values``, but for those that were given."""
+    """Set the options that ``--quick`` reduces to ``values``, except those given on the command line."""
     for name, value in values.items():
         if getattr(args, name) == parser.get_default(name):
             setattr(args, name, value)
@@ -207,7 +207,7 @@ def quicken(parser: argparse.ArgumentParser, args: argparse.Namespace, **values:
 
 def load_map(args: argparse.Namespace) -> EnvironmentMap:
     """The map that the options of :func:`map_options` name; remarks on it go to standard error."""
-    from ..maps.envmap import EnvironmentMap  # only here: a script without a map needs no image library
+    from ..maps.envmap import EnvironmentMap  # imported here, since a script without a map needs no image library
 
     envmap = EnvironmentMap.read(
         args.map,
@@ -231,9 +231,9 @@ def turned(args: argparse.Namespace, envmap: EnvironmentMap) -> EnvironmentMap:
 
 
 def map_columns(args: argparse.Namespace, width: int, advice: str = "") -> np.ndarray:
-    """The columns of a file in the order in which :func:`orientation_options` has them, for a map that is never held.
+    """The columns of a file in the order that :func:`orientation_options` asks for, for a map read in bands.
 
-    Raises :class:`LightdomeError`, with ``advice``, where pixels would be resampled.
+    Raises :class:`LightdomeError`, with ``advice``, if pixels would have to be resampled.
     """
     import numpy as np
 
@@ -244,7 +244,7 @@ def map_columns(args: argparse.Namespace, width: int, advice: str = "") -> np.nd
     last = whole_columns(width, rotation_matrix(*args.rotate or [0.0]))
     if first is None or last is None:
         raise LightdomeError(
-            f"a map that is read in bands turns by whole columns only, and this one has {width}; change --rotate or"
+            f"a map that is read in bands can only turn by whole columns, of which it has {width}; change --rotate or"
             f" --convention{advice}"
         )
     columns = np.roll(np.arange(width), first)
@@ -256,14 +256,14 @@ def device_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--device",
         metavar="NAME",
-        help="OpenCL device: PLATFORM[:DEVICE], indices or parts of any name that is shown"
+        help="OpenCL device: PLATFORM[:DEVICE], each an index or part of a name that lightdome devices shows"
         " (default: $PYOPENCL_CTX, else the fastest that works)",
     )
 
 
 def open_device(args: argparse.Namespace) -> Device:
-    """The device that ``--device`` names, or the fastest, and say which; a remark on it goes to standard error."""
-    from ..opencl import device  # only here: a script without one needs no OpenCL
+    """Open the device named by ``--device``, or the fastest, and print which; remarks go to standard error."""
+    from ..opencl import device  # imported here, since a script without a device needs no OpenCL
 
     opened = device.open_device(args.device)
     print(f"device: {opened.description}")
@@ -280,17 +280,17 @@ def explain_option(parser: argparse.ArgumentParser) -> None:
 
 
 def explain(args: argparse.Namespace, result: str, decisions: Iterable[Decision]) -> None:
-    """Print the ``decisions`` on a ``result``, if ``--explain`` asks for it."""
+    """Print the ``decisions`` made for a ``result``, with ``--explain``."""
     if args.explain:
         for decision in decisions:
             print(f"{result}: {decision}")
 
 
 def explain_kernels(args: argparse.Namespace, device: Device) -> None:
-    """Print which kernels were built, if ``--explain`` asks for it."""
+    """Print which kernels were built, with ``--explain``."""
     if args.explain:
         built, there = device.programs.built, device.programs.available
-        kernels = {kernel.partition(" ")[0] for kernel in built}  # one may be built for several purposes
+        kernels = {kernel.partition(" ")[0] for kernel in built}  # one may be built with several defines
         print(f"built {len(kernels)} of {there} kernels: {', '.join(built) or 'none'}")
 
 
@@ -313,7 +313,7 @@ def sphere_options(parser: argparse.ArgumentParser) -> None:
 
 
 def image_options(parser: argparse.ArgumentParser) -> None:
-    """Add ``--format``, and ``--gamma`` and ``--exposure``, which only the pictures for the eye use."""
+    """Add ``--format``, and ``--gamma`` and ``--exposure``, which affect only display images."""
     parser.add_argument(
         "--format",
         nargs="+",
@@ -321,7 +321,7 @@ def image_options(parser: argparse.ArgumentParser) -> None:
         default=FORMATS,
         metavar="FORMAT",
         help=f"formats of the images: {' and '.join(LINEAR)} hold linear radiance, {' and '.join(DISPLAYED)} are for"
-        " the eye",
+        " display",
     )
     parser.add_argument("--gamma", type=positive_float, default=2.2, help="gamma of the .ppm and .png files")
     parser.add_argument(
@@ -329,14 +329,15 @@ def image_options(parser: argparse.ArgumentParser) -> None:
         type=exposure,
         default="auto",
         metavar="FACTOR",
-        help="factor on the radiance in the .ppm and .png files, or auto: the 95th percentile becomes white",
+        help="factor on the radiance for the .ppm and .png files; with auto, the 95th percentile becomes white, for"
+        " a sphere that of its exact image",
     )
 
 
 def write_images(args: argparse.Namespace, path: Path, pixels: np.ndarray) -> list[str]:
-    """Write ``pixels`` in those formats of ``--format`` that hold them, radiance or 8-bit; the names of the files.
+    """Write ``pixels`` in those formats of ``--format`` that hold them, radiance or 8-bit; returns the file names.
 
-    ``path`` is without a suffix.
+    ``path`` has no suffix.
     """
     from ..maps.images import write_image
 
@@ -348,20 +349,20 @@ def write_images(args: argparse.Namespace, path: Path, pixels: np.ndarray) -> li
 
 
 def formats(args: argparse.Namespace) -> str:
-    """The suffixes of ``--format``, as they follow a file's name in what a command says."""
+    """The suffixes of ``--format``, to follow a file's name in a command's output."""
     return ", ".join(f".{name}" for name in dict.fromkeys(args.format))
 
 
 def output_folder(path: Path, images: bool = False) -> Path:
-    """Create the folder ``path`` and make sure that files can be written there, and with ``images`` those too.
+    """Create the folder ``path``, and make sure that files, and with ``images`` also images, can be written there.
 
-    Raises :class:`LightdomeError` where they cannot.
+    Raises :class:`LightdomeError` if they cannot.
     """
     if images:
         utf8_name(path)
     try:
         path.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=path):  # has no name that a kill could leave behind
+        with tempfile.TemporaryFile(dir=path):  # it has no name, so a killed process leaves nothing behind
             pass
     except OSError as error:
         raise LightdomeError(
@@ -371,9 +372,9 @@ def output_folder(path: Path, images: bool = False) -> Path:
 
 
 def output_file(path: Path) -> None:
-    """Raise :class:`LightdomeError` where a file has no folder, before work that would be for nothing."""
+    """Raise :class:`LightdomeError` if the file's folder does not exist, before any work is wasted."""
     if not path.parent.is_dir():
-        raise LightdomeError(f"cannot write {path}: there is no folder {path.parent}; make it, or write into another")
+        raise LightdomeError(f"cannot write {path}: there is no folder {path.parent}; create it, or choose another")
 
 
 def _number(convert: type, text: str, accept: Callable[[float], bool], wanted: str) -> float:
@@ -392,7 +393,7 @@ def positive_int(text: str) -> int:
 
 
 def times(text: str) -> int:
-    """Argument type: a number of repetitions, 1 to 1000: more would seem never to end."""
+    """Argument type: a number of repetitions, 1 to 1000, since more would seem endless."""
     return int(_number(int, text, lambda v: 1 <= v <= 1000, "a whole number from 1 to 1000"))
 
 
@@ -417,11 +418,11 @@ def non_negative_float(text: str) -> float:
 
 
 def tone(args: argparse.Namespace, exposure: float) -> str:
-    """The line that says how bright the pictures are; numbers from the command line are shown in full."""
+    """The line with exposure and gamma; numbers from the command line are shown in full."""
     used = exactly(exposure) if args.exposure else f"{exposure:.4g}"
     return f"exposure {used}, gamma {exactly(args.gamma)}"
 
 
 def exposure(text: str) -> float | None:
-    """Argument type: ``auto`` (None) or a factor above 0 that radiance is multiplied by."""
+    """Argument type: ``auto`` (None) or a factor above 0 by which radiance is multiplied."""
     return None if text == "auto" else positive_float(text)

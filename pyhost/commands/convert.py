@@ -12,8 +12,8 @@ from . import cli
 def main() -> None:
     parser = cli.parser(
         "Write an environment map in another projection, or for another program.\n\n"
-        "Each pixel of the result is the mean of the map over it: the flux is kept, and so are the place and the energy"
-        " of a light that is smaller than a pixel. The documentation shows which way each projection looks.",
+        "Each pixel of the result is the mean of the map over its area. This keeps the flux, and the place and energy"
+        " of lights smaller than a pixel. The documentation shows which way each projection looks.",
         "map.exr probe.exr --to angular",
     )
     cli.map_options(parser, positional=True)
@@ -23,24 +23,24 @@ def main() -> None:
         choices=PROJECTIONS,
         required=True,
         metavar="NAME",
-        help="projection of the result, one of those of --projection",
+        help="projection of the result, out of the names of --projection",
     )
     parser.add_argument(
         "--size",
         type=cli.positive_int,
         metavar="N",
-        help="side of a square or of a cube's face, rows of a latlong (default: about as many pixels as the map has)",
+        help="side of a square or cube face, or rows of a latlong (default: about as many pixels as the map has)",
     )
     parser.add_argument(
         "--to-convention",
         choices=CONVENTIONS,
         default=CONVENTIONS[0],
         metavar="NAME",
-        help=f"program that is to read a latlong result: {', '.join(CONVENTIONS)}",
+        help=f"program that will read a latlong result: {', '.join(CONVENTIONS)}",
     )
     args = parser.parse_args()
     if args.to_convention != CONVENTIONS[0] and args.to != "latlong":
-        parser.error("--to-convention is for --to latlong")
+        parser.error("--to-convention works only with --to latlong")
 
     import numpy as np
 
@@ -52,11 +52,11 @@ def main() -> None:
     from ..maps.rotation import rotation_matrix
 
     if args.out.suffix.lower() not in LINEAR:
-        raise LightdomeError(f"cannot write {args.out}: give a name that ends in {' or '.join(LINEAR)}")
+        raise LightdomeError(f"cannot write {args.out}: choose a name that ends in {' or '.join(LINEAR)}")
     if args.to == "cube-openexr" and args.out.suffix.lower() != ".exr":
         raise LightdomeError(
-            f"cannot write {args.out}: only the header of an .exr file says that it is cube-openexr;"
-            " give it that suffix, or write a cube-strip"
+            f"cannot write {args.out}: only an .exr file can say in its header that it is cube-openexr;"
+            " choose that suffix, or write a cube-strip"
         )
     cli.output_file(args.out)
     read = read_projected(
@@ -72,7 +72,7 @@ def main() -> None:
         if note:
             print(note, file=sys.stderr)
     if read.projection == args.to == "latlong" and args.size is None:
-        # As it turns by whole columns, its pixels stay as they are.
+        # A turn by whole columns leaves its pixels as they are.
         envmap = EnvironmentMap(read.radiance).to_convention(CONVENTIONS[0], from_=args.convention)
         image = cli.turned(args, envmap).to_convention(args.to_convention).radiance
     else:

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 
 def main() -> None:
-    parser = cli.parser("List all OpenCL devices, what they do, and the one that is used.", "--json")
-    parser.add_argument("--json", action="store_true", help="print a JSON object, and no text")
+    parser = cli.parser("List all OpenCL devices with their speed, and which one is used.", "--json")
+    parser.add_argument("--json", action="store_true", help="print a JSON object instead of text")
     args = parser.parse_args()
 
     from ..opencl.device import survey
@@ -29,7 +29,7 @@ def main() -> None:
 
 
 def why(devices: list[Surveyed]) -> str:
-    """Why the device that is taken is taken."""
+    """Why the device in use was chosen."""
     if asked := os.environ.get("PYOPENCL_CTX"):
         return f"PYOPENCL_CTX={asked} names it"
     working = sum(device.rates is not None for device in devices)
@@ -37,10 +37,10 @@ def why(devices: list[Surveyed]) -> str:
 
 
 def lines(devices: list[Surveyed]) -> Iterator[str]:
-    """First the device that is taken, alone on its line, then why, then a table of what all do."""
+    """First the device in use, alone on its line; then why; then a table of all devices' rates."""
     (taken,) = (device for device in devices if device.is_taken)
     yield taken.description
-    yield f"taken (*): {why(devices)}"
+    yield f"used (*): {why(devices)}"
     yield ""
     yield f"  {'device':<8}{'multiply-adds':>14}{'copies':>12}{'frame':>10}"
     for device in devices:

@@ -1,4 +1,4 @@
-"""The image that a whole map makes of the sphere, to which others are compared."""
+"""The sphere's exact image, from every pixel of a map, with which others are compared."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from . import cli
 
 def main() -> None:
     parser = cli.parser(
-        "Sum a diffuse sphere's image over every pixel of a map: what estimators converge to.\n\n"
-        "Writes exact_centres or exact_areas as .pfm (linear radiance), .ppm and .png, or --format. settings.json says"
-        " what made it.",
+        "Compute a diffuse sphere's exact image from every pixel of a map: what estimators converge to.\n\n"
+        "Writes exact_centres or exact_areas as .pfm (linear radiance), .ppm and .png, or as --format says, and"
+        " settings.json, which records how they were made.",
         "--map map.exr --pixels areas --format exr",
         "out/exact",
     )
@@ -19,8 +19,8 @@ def main() -> None:
         "--pixels",
         choices=PIXELS,
         default=PIXELS[0],
-        help="what pixels of the map are: the directions of their centres, as for samples that lie there, or areas of"
-        " constant radiance, as for bsdf and mis and for samples anywhere within",
+        help="how to treat the map's pixels: as the directions of their centres, like samples at the centres, or as"
+        " areas of constant radiance, like bsdf, mis, and samples anywhere within the pixels",
     )
     cli.sphere_options(parser)
     cli.image_options(parser)
@@ -32,13 +32,14 @@ def main() -> None:
     envmap = cli.load_map(args)
 
     from ..lighting.exact import exact
-    from ..maps.images import auto_exposure, tone_map
+    from ..maps.images import tone_map
+    from ..maps.sphere import sphere_exposure
     from . import settings
 
     device = cli.open_device(args)
     print(f"map: {args.map}, {envmap.width} x {envmap.height}")
     image = exact(device, envmap, args.resolution, args.albedo, args.pixels)
-    exposure = args.exposure or auto_exposure(image)
+    exposure = args.exposure or sphere_exposure(envmap, args.albedo)
     path = out / f"exact_{args.pixels}"
     names = cli.write_images(args, path, image)
     names += cli.write_images(args, path, tone_map(image, exposure, args.gamma))

@@ -29,9 +29,9 @@ SIDES = {
 
 def main() -> None:
     parser = cli.parser(
-        "Say what is in a map: is it clipped, where is its sun, what range it has, where its light comes from.\n\n"
-        "Maps are read in bands and may be larger than the memory. Bad pixels are counted, not refused. Radiance is in"
-        " the map's own unit, irradiance in that x steradian; azimuth is from +x towards +z, +y is up.",
+        "Say what is in a map: whether it is clipped, where its sun is, its range, and where its light comes from.\n\n"
+        "Maps are read in bands and may be larger than memory. Bad pixels are counted, not refused. Radiance is in the"
+        " map's own unit, flux and irradiance in that unit x steradian. Azimuth runs from +x towards +z; +y is up.",
         "data/default.exr --json",
     )
     parser.add_argument("maps", type=Path, nargs="+", metavar="MAP", help="environment maps: .exr, .hdr or .pfm")
@@ -40,18 +40,18 @@ def main() -> None:
     cli.projection_option(parser)
     cli.orientation_options(parser)
     parser.add_argument(
-        "--json", action="store_true", help="print a JSON object, or a list of them for several maps, and no text"
+        "--json", action="store_true", help="print a JSON object, or a list of them for several maps, instead of text"
     )
     parser.add_argument(
         "--split-sun",
         type=Path,
         metavar="DIR",
-        help="write each map in two into this folder, NAME_sun.exr and NAME_rest.exr; the two sum to the map",
+        help="split each map into NAME_sun.exr and NAME_rest.exr in this folder; the two sum to the map",
     )
     args = parser.parse_args()
     if args.split_sun:
         if len({path.stem for path in args.maps}) < len(args.maps):
-            raise LightdomeError("--split-sun needs maps of different names; give those of one name one by one")
+            raise LightdomeError("--split-sun needs maps of different names; split those of one name separately")
         cli.output_folder(args.split_sun, images=True)
 
     found, failed = [], False
@@ -63,7 +63,7 @@ def main() -> None:
                 print("\n".join(([""] if len(found) > 1 else []) + list(lines(path, analysis))))
             if args.split_sun:
                 write_split(args, path)
-        except LightdomeError as error:  # the others are read all the same
+        except LightdomeError as error:  # the other maps are still read
             print(f"{Path(sys.argv[0]).stem}: {shown(error)}", file=sys.stderr)
             failed = True
     if args.json and (found or len(args.maps) > 1):
@@ -73,7 +73,7 @@ def main() -> None:
 
 
 def examine(args: Namespace, path: Path) -> Analysis:
-    """The analysis of a file in bands, or of the map that another projection than latlong is resampled to."""
+    """The analysis of a file, in bands; if it is not a latlong, of the map that it is resampled to."""
     from ..maps.analysis import analyse, analyse_resampled
     from ..maps.conversion import convert
     from ..maps.envmap import EnvironmentMap, read_projected
@@ -118,7 +118,7 @@ def write_split(args: Namespace, path: Path) -> None:
 
 
 def lines(path: Path, analysis: Analysis) -> Iterator[str]:
-    """The analysis for people, verdicts first."""
+    """The analysis as text, verdicts first."""
     size = f"{analysis.width_pixels} x {analysis.height_pixels}"
     yield ", ".join(filter(None, (f"{path}: {size}", analysis.format, analysis.projection)))
     clipping = analysis.clipping
@@ -136,7 +136,7 @@ def lines(path: Path, analysis: Analysis) -> Iterator[str]:
     yield "luminance"
     stops = "" if analysis.range_stops is None else f", {analysis.range_stops:.1f} stops"
     yield _line("range", f"{analysis.luminance_minimum:.4g} to {analysis.luminance_maximum:.4g}{stops}")
-    yield _line("median", f"{analysis.luminance_median_by_solid_angle:.4g}, by solid angle as the next two")
+    yield _line("median", f"{analysis.luminance_median_by_solid_angle:.4g}, by solid angle, like the next two")
     yield _line("99 %", f"{analysis.luminance_99_percent_by_solid_angle:.4g}")
     yield _line("99.9 %", f"{analysis.luminance_99_9_percent_by_solid_angle:.4g}")
     if analysis.samples_for_1_percent_error is None:
@@ -174,7 +174,7 @@ def _angles(azimuth: float, elevation: float) -> str:
 
 
 def _sun(sun: Sun) -> str:
-    share = f"radius {sun.angular_radius_degrees:.2f}, {100 * sun.flux_share:.3g} % of the light"
+    share = f"radius {sun.angular_radius_degrees:.2f} degrees, {100 * sun.flux_share:.3g} % of the light"
     bound = ", at least: it is clipped" if sun.is_clipped else ""
     irradiance = " ".join(f"{value:.4g}" for value in sun.irradiance_rgb_radiance_sr)
     return f"{_angles(sun.azimuth_degrees, sun.elevation_degrees)}, {share}; irradiance {irradiance}{bound}"

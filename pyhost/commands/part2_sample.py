@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import LightdomeError
-from ..names import SEQUENCES, WITHIN
+from ..names import SEED, SEQUENCES, WITHIN
 from ..sampling.samples import check_count
 from . import cli
 
@@ -23,8 +23,7 @@ def main() -> None:
     parser = cli.parser(
         "Draw directions from an environment map with probability proportional to luminance x sin(theta).\n\n"
         "Writes samples_N.npz, and em_N.pfm, em_N.ppm and em_N.png, or --format: the map with a square on each pixel"
-        " drawn."
-        " settings.json says what made them.",
+        " drawn. settings.json says what made them. Another --seed draws another set: how well one set does is chance.",
         "--counts 64 256 --seed 1",
         "out/part2",
     )
@@ -46,7 +45,7 @@ def main() -> None:
         default=WITHIN[0],
         help="where directions lie: at the centre of their pixels, or anywhere in the pixel, even over its solid angle",
     )
-    parser.add_argument("--seed", type=cli.seed, default=0, help="seed of the points, a whole number")
+    parser.add_argument("--seed", type=cli.seed, default=SEED, help="seed of the points, a whole number")
     parser.add_argument(
         "--marker", type=cli.positive_int, default=5, metavar="M", help="side of the blue squares in pixels"
     )
@@ -121,7 +120,8 @@ def write_samples(args: Namespace, out: Path, image: ImageRows, device: Device) 
 
 def write_samples_and_pictures(args: Namespace, out: Path, device: Device) -> None:
     from ..maps.images import auto_exposure, tone_map
-    from ..maps.markers import mark_pixels
+    from ..maps.markers import mark_picture, mark_pixels
+    from ..maps.sphere import sphere_exposure
     from ..sampling.distribution import build_distribution
     from . import settings
 
@@ -141,10 +141,12 @@ def write_samples_and_pictures(args: Namespace, out: Path, device: Device) -> No
         mark_pixels(marked, samples.pixel, args.marker, (0, 0, 1))
         images = cli.write_images(args, em, marked)
         marked = picture.copy()
-        mark_pixels(marked, samples.pixel, args.marker, (0, 0, 255))
+        mark_picture(marked, samples.pixel, args.marker)
         names += [name, *images, *cli.write_images(args, em, marked)]
         print(f"wrote {out}/{name} and {em.name}{cli.formats(args)}")
         cli.explain(args, f"{count} samples", device.decisions.take())
-    settings.write(out, settings.settings(device, envmap, vars(args)), names)
+    # For part 3, which never sees the map.
+    of_sphere = {"sphere_exposure": sphere_exposure(envmap)}
+    settings.write(out, settings.settings(device, envmap, vars(args)) | of_sphere, names)
     print(cli.tone(args, exposure))
     cli.explain_kernels(args, device)

@@ -2,10 +2,29 @@
 
 from __future__ import annotations
 
+import json
+import math
 from pathlib import Path
 
 from ..errors import LightdomeError
 from . import cli
+
+
+def recorded_exposure(path: Path, albedo: float) -> float | None:
+    """The exposure of a sphere of ``albedo`` under the map of the samples in ``path``; None if it is not known.
+
+    :mod:`.part2_sample`, which sees the map, leaves that of a white one beside the samples.
+    """
+    from . import settings
+
+    try:
+        content = json.loads((path.parent / settings.NAME).read_text(encoding="utf-8"))
+        if content["files"][path.name] != settings.file_sum(path):
+            return None
+        exposure = float(content["sphere_exposure"]) / albedo
+    except (OSError, ValueError, LookupError, TypeError, ZeroDivisionError):
+        return None
+    return exposure if 0 < exposure < math.inf else None
 
 
 def main() -> None:
@@ -27,12 +46,12 @@ def main() -> None:
 
     from ..sampling.samples import Samples
 
-    sets: dict[int, Samples] = {}
+    sets: dict[int, tuple[Path, Samples]] = {}
     for path in args.samples:
         samples = Samples.load(path)
         if len(samples) in sets:
             raise LightdomeError(f"{path}: another file has {len(samples)} samples too; shade it into its own --out")
-        sets[len(samples)] = samples
+        sets[len(samples)] = path, samples
     out = cli.output_folder(args.out, images=True)
 
     from ..lighting.shade import shade_samples
@@ -40,14 +59,15 @@ def main() -> None:
     from . import settings
 
     device = cli.open_device(args)
-    exposure, lines, names = args.exposure, [], []
-    # The largest set first: it knows best how bright the sphere is, and one exposure serves all.
-    for count, samples in sorted(sets.items(), reverse=True):
+    exposure, lines, names = args.exposure or recorded_exposure(sets[max(sets)][0], args.albedo), [], []
+    # The largest set first: where no exposure is recorded, it knows best how bright the sphere is, and one serves all.
+    for count, (_, samples) in sorted(sets.items(), reverse=True):
         image = shade_samples(device, samples, args.resolution, args.albedo)
         exposure = exposure or auto_exposure(image)
         for pixels in image, tone_map(image, exposure, args.gamma):
             names += cli.write_images(args, out / f"sphere_{count}", pixels)
         lines.append((f"wrote {out}/sphere_{count}{cli.formats(args)}", count, device.decisions.take()))
+    assert exposure is not None  # there is at least one set
     for line, count, decisions in reversed(lines):
         print(line)
         cli.explain(args, f"{count} samples", decisions)

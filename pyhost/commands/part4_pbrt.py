@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import LightdomeError, exactly
-from ..names import ESTIMATORS, PIXEL_SEQUENCES, WITHIN
+from ..names import ESTIMATORS, PIXEL_SEQUENCES, SEED, WITHIN
 from . import cli
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def parse_arguments() -> argparse.Namespace:
         " lightdome's cache)",
     )
     parser.add_argument(
-        "--seed", type=cli.seed, default=0, help="seed of the samples, a whole number; PBRT-v3 and pbrt-r3 have none"
+        "--seed", type=cli.seed, default=SEED, help="seed of the samples, a whole number; PBRT-v3 and pbrt-r3 have none"
     )
     cli.sphere_options(parser)
     cli.image_options(parser)
@@ -111,7 +111,8 @@ def main() -> None:
     envmap = cli.load_map(args)
 
     from .. import pbrt
-    from ..maps.images import auto_exposure, tone_map
+    from ..maps.images import tone_map
+    from ..maps.sphere import sphere_exposure
     from ..pbrt.check import deviation
     from . import settings
 
@@ -134,7 +135,7 @@ def main() -> None:
                 raise
             reason = f", because: {str(error).partition(';')[0]}"
     print(f"renderer: {program or 'opencl'}{reason}")
-    if program and not program.has_seed and args.seed:
+    if program and not program.has_seed and args.seed != SEED:
         print(f"note: {program.name} has no seed; --seed does nothing")
 
     device = None
@@ -152,8 +153,7 @@ def main() -> None:
                 f"note: {program.name}'s image of {spp} spp differs from the sphere under this map: {where}",
                 file=sys.stderr,
             )
-    # The image of most samples knows best how bright the sphere is, and one exposure serves all.
-    exposure = args.exposure or auto_exposure(done[max(done)])
+    exposure = args.exposure or sphere_exposure(envmap, args.albedo)
     for spp, image in done.items():
         names += cli.write_images(args, out / f"sphere_{spp}spp", tone_map(image, exposure, args.gamma))
         print(f"wrote {out}/sphere_{spp}spp{cli.formats(args)}")

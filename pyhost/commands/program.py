@@ -14,7 +14,7 @@ from . import cli
 
 
 def main() -> None:
-    """Run the command that the command line names, and exit."""
+    """Run the command named on the command line, and exit."""
     run(_command)
 
 
@@ -25,20 +25,20 @@ def _command() -> None:
         description="Image-based lighting with OpenCL: sample an environment map, shade with it, measure the error.",
         epilog="commands:\n"
         + "\n".join(f"  {name:<10} {command.purpose}" for name, command in COMMANDS.items())
-        + "\n\nlightdome COMMAND --help says more of each.",
+        + "\n\nFor more, see: lightdome COMMAND --help",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"lightdome {__version__}")
-    parser.add_argument("command", choices=COMMANDS, metavar="COMMAND", help="what to do, see below")
+    parser.add_argument("command", choices=COMMANDS, metavar="COMMAND", help="what to do, listed below")
     name = _to_complete() or parser.parse_args(sys.argv[1:2]).command
-    sys.argv[:2] = [f"lightdome {name}"]  # what messages and the command's own parser call themselves
+    sys.argv[:2] = [f"lightdome {name}"]  # the name in messages and in the command's own help
     import_module(f".{COMMANDS[name].module}", __package__).main()
 
 
 def _to_complete() -> str | None:
-    """The command whose options a shell asks for, if one does; it is the program then, for argcomplete."""
+    """The command whose options a shell wants to complete, if any; argcomplete then takes it as the program."""
     line = os.environ.get("COMP_LINE", "")[: int(os.environ.get("COMP_POINT", 0))]
-    first = int(os.environ.get("_ARGCOMPLETE", 0))  # 1 where the program is the first word
+    first = int(os.environ.get("_ARGCOMPLETE", 0))  # 1 if the program is the first word
     words = line.split()
     goes_on = len(words) > first + 1 or (len(words) == first + 1 and line[-1].isspace())
     if not first or not goes_on or words[first] not in COMMANDS:

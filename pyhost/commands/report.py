@@ -1,4 +1,4 @@
-"""The written report as PDF, and a zip of it and all images, from what is there or from fresh runs."""
+"""The written report as PDF, and a zip of it and all images, from existing results or from fresh runs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SPP = [8, 16, 32, 64]
 
 
 class Runs:
-    """What the scripts wrote, into the folder beside the report's or into the report's own, or write now."""
+    """The commands' results: existing ones, next to the report's folder or inside it, or fresh ones."""
 
     def __init__(self, out: Path, run: Callable[..., int] | None = None) -> None:
         self.out = out
@@ -30,7 +30,7 @@ class Runs:
         self.settings: dict[str, dict[str, Any]] = {}
 
     def need(self, name: str, command: str, record: str, wanted: Mapping[str, object], *options: object) -> None:
-        """Find the results ``name`` whose settings are as ``wanted``, or run ``command`` with ``options`` for them."""
+        """Find the results ``name`` with the settings ``wanted``, or run ``command`` with ``options``."""
         from . import settings
 
         own = self.out / name
@@ -41,25 +41,25 @@ class Runs:
                 print(f"{name}: from {folder}", flush=True)
                 break
             if found:
-                print(f"{name}: not from {folder}, where {other} is another")
+                print(f"{name}: not from {folder}, where {other} differs")
         else:
             folder = own
             print(f"{name}: running lightdome {command}", flush=True)
             status = self._run(command, *options, "--out", folder)
             found = settings.read(folder / record)
-            # A case of the stability table may fail: the command says so, and the report shows it.
+            # If a case of the stability table fails, the command says so and the report shows it.
             if found is None or settings.difference(found, wanted):
                 if status:
-                    sys.exit(status)  # it has said why
-                raise RuntimeError(f"{command} did not leave what was asked for in {folder}")
+                    sys.exit(status)  # the command has said why
+                raise RuntimeError(f"{command} did not write the expected results into {folder}")
         self.folders[name], self.settings[name] = folder, found
 
 
 def run_command(command: str, *options: object) -> int:
-    """Run a command with its errors and progress on our terminal; its exit status, 1 if it was killed."""
+    """Run a command with its messages on our terminal; returns its exit status, or 1 if it was killed."""
     words = [sys.executable, "-m", "lightdome", command, *options]
     with subprocess.Popen([str(word) for word in words], stdout=subprocess.DEVNULL) as process:
-        atexit.register(process.terminate)  # politely: it clears up after itself
+        atexit.register(process.terminate)  # lets it clean up after itself
         status = process.wait()
         atexit.unregister(process.terminate)
         return status if status >= 0 else 1
@@ -67,11 +67,11 @@ def run_command(command: str, *options: object) -> int:
 
 def main() -> None:
     parser = cli.parser(
-        "Write report.pdf, typeset, and lightdome-report.zip with it and every .pfm and .ppm.\n\n"
-        "Results of fresnel, sample, shade, render, bench and stability are taken from the folders part1 to part4,"
-        " bench and stability beside DIR if they are of this map and version; the others are run, into DIR, and measure"
-        " numpy, Mitsuba and PBRT too where they are there. All of it afresh takes about half an hour on two cores with"
-        " Mitsuba and PBRT, and less without.",
+        "Write report.pdf, and lightdome-report.zip with the report and every .pfm and .ppm.\n\n"
+        "Results of fresnel, sample, shade, render, bench and stability come from the folders part1 to part4, bench and"
+        " stability next to DIR, if they are for this map and version. Missing results are computed, into DIR, and"
+        " include numpy, Mitsuba and PBRT if they are installed. To compute everything takes about half an hour on two"
+        " cores with Mitsuba and PBRT, and less without.",
         "--quick",
         "out/report",
     )
@@ -79,7 +79,7 @@ def main() -> None:
     parser.add_argument(
         "--pbrt", type=Path, metavar="PATH", help="the program pbrt or its folder (default: as lightdome render)"
     )
-    parser.add_argument("--quick", action="store_true", help="smaller images, fewer counts and cases: some minutes")
+    parser.add_argument("--quick", action="store_true", help="smaller images, fewer counts and cases: a few minutes")
     cli.device_option(parser)
     make(parser.parse_args())
 
@@ -90,7 +90,7 @@ def make(args: argparse.Namespace) -> None:
 
     report.require_typst()
     if args.pbrt:
-        pbrt.find_pbrt(args.pbrt)  # before work that would be for nothing
+        pbrt.find_pbrt(args.pbrt)  # checked before any work is wasted
     out = cli.output_folder(args.out, images=True)
     envmap = cli.load_map(args)
     device = cli.open_device(args)
@@ -103,7 +103,7 @@ def make(args: argparse.Namespace) -> None:
 
 
 def need_all(runs: Runs, args: argparse.Namespace, envmap: EnvironmentMap) -> None:
-    """Find or make the results that a report of ``envmap`` shows."""
+    """Find or compute the results that a report on ``envmap`` shows."""
     from ..evaluation import mitsuba_process
     from . import settings
 
@@ -117,7 +117,7 @@ def need_all(runs: Runs, args: argparse.Namespace, envmap: EnvironmentMap) -> No
     with_pbrt = {"pbrt": str(args.pbrt)} if args.pbrt else {}
 
     runs.need("part1", "fresnel", settings.NAME, of_version | {"options": {"eta": 1.4}})
-    shown = {"format": cli.FORMATS}
+    shown = {"format": cli.FORMATS, "exposure": None}
     options: dict[str, object] = {"counts": COUNTS, **shown}
     runs.need("part2", "sample", settings.NAME, of_map | {"options": options}, "--counts", *COUNTS, *on_map)
     names = [f"samples_{n}.npz" for n in COUNTS]

@@ -1,4 +1,4 @@
-"""Roofline: what the machine can do at most, and each stage's share of it, at all sizes."""
+"""Roofline: the machine's limits, and how close each stage comes to them, at all sizes."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ QUICK_SIZES = (512, 2048), (255, 511), (64, 1024, 65536)
 
 def main() -> None:
     parser = cli.parser(
-        "Measure the machine's limits, and every stage's share of them as maps, images and counts grow.\n\n"
-        "Writes roofline.csv (a row for each stage and size), roofline.json (the same with the limits; seconds, bytes,"
+        "Measure the machine's limits, and how close each stage comes to them as maps, images and counts grow.\n\n"
+        "Writes roofline.csv (a row per stage and size), roofline.json (the same with the limits; seconds, bytes,"
         " amounts per second) and plots: stages against the limits, time and memory against size.",
         "--quick",
         "out/roofline",
@@ -29,7 +29,7 @@ def main() -> None:
         metavar="R",
         help="width and height in pixels of the images while maps and counts grow",
     )
-    parser.add_argument("--repeats", type=cli.times, default=5, metavar="N", help="runs for the times")
+    parser.add_argument("--repeats", type=cli.times, default=5, metavar="N", help="number of runs for the times")
     parser.add_argument(
         "--quick",
         action="store_true",
@@ -47,7 +47,7 @@ def run(
     sizes: tuple[Sequence[int], Sequence[int], Sequence[int]] | None = None,
     copy_bytes: Sequence[int] | None = None,
 ) -> None:
-    """Measure; ``sizes``, as :data:`SIZES`, and ``copy_bytes`` make a run as small as a test needs it."""
+    """Measure; tests pass small ``sizes``, in the form of :data:`SIZES`, and ``copy_bytes``."""
     out = cli.output_folder(args.out)
     envmap = cli.load_map(args)
 

@@ -1,8 +1,7 @@
-"""What results were made with, kept beside them: machine, device, versions, map, options, and the files' sums.
+"""What results were made with, stored next to them: machine, device, versions, map, options, and the files' checksums.
 
-:func:`settings` gathers it, :func:`write` leaves it as ``settings.json`` when all files are complete,
-:func:`read` takes it only if those files are still the same, and :func:`difference` says whether they are what
-somebody needs.
+:func:`settings` gathers it, :func:`write` stores it as ``settings.json`` once all files are complete, :func:`read`
+returns it only if those files are unchanged, and :func:`difference` tells whether the results are the ones wanted.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from .. import __version__
 from ..files import write_json
 from ..progress import Progress
 
-if TYPE_CHECKING:  # a script without a map or a device needs no libraries for them
+if TYPE_CHECKING:  # a command without a map or a device does not need their libraries
     from ..maps.envmap import EnvironmentMap
     from ..opencl.device import Device
 
@@ -30,7 +29,7 @@ BLOCK = 2**24  # bytes at a time
 
 
 def settings(device: Device | None, envmap: EnvironmentMap | None, options: Mapping[str, object]) -> dict[str, object]:
-    """What a result depends on: the machine, the versions, the options, and device and map if there are any."""
+    """What a result depends on: the machine, the versions, the options, and the device and map if any."""
     return {
         "machine": {
             "system": platform.platform(),
@@ -55,14 +54,14 @@ def settings(device: Device | None, envmap: EnvironmentMap | None, options: Mapp
 
 
 def _plain(value: object) -> object:
-    """JSON's types only: paths become text, in lists too."""
+    """The value in JSON types: paths become text, in lists too."""
     if isinstance(value, list):
         return [_plain(item) for item in value]
     return str(value) if isinstance(value, Path) else value
 
 
 def _processor() -> str:
-    """The processor's name: Linux keeps it in /proc/cpuinfo only."""
+    """The processor's name, which Linux has only in /proc/cpuinfo."""
     with contextlib.suppress(OSError):
         for line in Path("/proc/cpuinfo").read_text().splitlines():
             if line.startswith("model name"):
@@ -71,14 +70,14 @@ def _processor() -> str:
 
 
 def map_sum(envmap: EnvironmentMap) -> str:
-    """SHA-256 of the map's radiance, whatever file it came in."""
+    """SHA-256 of the map's radiance, whatever file it came from."""
     return hashlib.sha256(envmap.radiance.data).hexdigest()
 
 
 def file_sum(path: Path) -> str:
-    """SHA-256 of a file, which may be larger than the memory. Raises ``OSError`` where it cannot be read."""
+    """SHA-256 of a file, which may be larger than memory. Raises ``OSError`` if it cannot be read."""
     result, done = hashlib.sha256(), 0
-    with path.open("rb") as file, Progress(f"summing {path.name}") as progress:
+    with path.open("rb") as file, Progress(f"checksum of {path.name}") as progress:
         size = os.fstat(file.fileno()).st_size
         while block := file.read(BLOCK):
             result.update(block)
@@ -88,13 +87,13 @@ def file_sum(path: Path) -> str:
 
 
 def write(folder: Path, content: Mapping[str, object], names: Iterable[str]) -> None:
-    """Write ``content`` and the sums of the complete files ``names`` in ``folder`` to its ``settings.json``."""
+    """Write ``content`` and the checksums of the complete files ``names`` to ``settings.json`` in ``folder``."""
     sums = {name: file_sum(folder / name) for name in sorted(names)}
     write_json(folder / NAME, {**content, "files": sums})
 
 
 def read(path: Path) -> dict[str, object] | None:
-    """The settings in ``path``; None if there are none, or if files beside it are not those that it was written for."""
+    """The settings in ``path``; None if there are none, or if the files next to it have changed since."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         sums = content.get("files", {})
@@ -104,7 +103,7 @@ def read(path: Path) -> dict[str, object] | None:
 
 
 def difference(found: Mapping[str, object], wanted: Mapping[str, object]) -> str | None:
-    """The first entry of ``wanted`` that ``found`` has not or has otherwise, as in ``options.spp``; else None."""
+    """The first entry of ``wanted`` that ``found`` lacks or that differs, such as ``options.spp``; else None."""
     for name, value in wanted.items():
         there = found.get(name)
         if isinstance(value, Mapping) and isinstance(there, Mapping):

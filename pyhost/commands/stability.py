@@ -1,4 +1,4 @@
-"""Stability: what becomes of a sampler on maps that break samplers, measured against float64."""
+"""Stability: how samplers cope with maps that break samplers, measured against float64."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def main() -> None:
         "out/stability",
     )
     parser.add_argument(
-        "--quick", action="store_true", help="no large case, and fewer draws: under a minute on two cores"
+        "--quick", action="store_true", help="no large cases, and fewer draws: under a minute on two cores"
     )
     parser.add_argument(
         "--peers", nargs="+", choices=["mitsuba"], default=[], help="other programs to measure too (default: none)"
@@ -33,7 +33,7 @@ def main() -> None:
 
 
 def run(args: argparse.Namespace, cases: Sequence[Case] | None = None, draws: int | None = None) -> None:
-    """Measure; ``cases`` and ``draws`` make a run as small as a test needs it."""
+    """Measure; tests pass few ``cases`` and ``draws``."""
     out = cli.output_folder(args.out)
 
     from ..errors import LightdomeError
@@ -71,7 +71,7 @@ def run(args: argparse.Namespace, cases: Sequence[Case] | None = None, draws: in
     stability.write_stability_csv(out / "stability.csv", results)
     stability.write_stability_json(out / "stability.json", results, made_with)
     save_figure(
-        stability_plot.table(results, f"Stability, {draws:,} draws a case, {device.handle.name.strip()}"),
+        stability_plot.table(results, f"Stability, {draws:,} draws per case, {device.handle.name.strip()}"),
         out / "stability.png",
     )
     print(f"\nwrote {out}/stability.csv, stability.json, stability.png")

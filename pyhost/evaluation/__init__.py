@@ -1,1 +1,1 @@
-"""Everything that judges: error against time, stages against the machine's limits, maps that break samplers, peers."""
+"""Evaluation: error against time, stages against the machine's limits, maps that break samplers, other programs."""

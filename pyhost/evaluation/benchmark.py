@@ -1,8 +1,8 @@
-"""Error against run time: every method, at every count, against its own exact image, in one run.
+"""Error against run time: every method at every count, each against the exact image it converges to, in one run.
 
-A method's time is the wall time from the map in the host's memory to the image in the host's memory: the
-median of repeats after a warm-up. Programs are built before, and their time is kept apart. Its error is
-measured over several seeds. See :mod:`lightdome.evaluation.benchmark_plot` for the pictures.
+A method's time is the wall time from the map in the host's memory to the image in the host's memory, the median of
+several runs after a warm-up. Programs are built beforehand, and their build time is recorded separately. The error is
+measured over several seeds. :mod:`lightdome.evaluation.benchmark_plot` makes the plots.
 """
 
 from __future__ import annotations
@@ -31,21 +31,20 @@ from ..rendering.per_pixel import render
 from ..sampling.distribution import build_distribution
 from .metrics import half_quartile_distance, relative_rmse
 
-ORDERS = (1, 2, 4, 6, 8, 10, 12, 16, 18, 24, 32)  # odd ones past 1 add nothing to irradiance
+ORDERS = (1, 2, 4, 6, 8, 10, 12, 16, 18, 24, 32)  # odd orders above 1 add nothing to irradiance
 
 Run = Callable[[int, int], np.ndarray]  # (count, seed) -> image
 
 
 @dataclass(frozen=True)
 class Method:
-    """One way to the image.
+    """A way to compute the image.
 
-    ``kind`` says what a count means: ``shared`` samples or lights for all pixels, ``per pixel``
-    samples, or the ``order`` of an analytic method. A method that is not ``random`` needs one seed only,
-    one with ``counts`` of its own is measured at those.
-    ``pixels`` says which exact image it converges to, see :func:`lightdome.exact`.
-    ``device`` is where its stages are timed. A ``peer`` is another program, see :mod:`lightdome.evaluation.peers`; its
-    ``clock`` says how long the stages of its last run took, which together are its time.
+    ``kind`` says what a count means: ``shared`` samples or lights for all pixels, samples ``per pixel``, or the
+    ``order`` of an analytic method. A method that is not ``random`` needs only one seed. A method with its own
+    ``counts`` is measured at those. ``pixels`` says which exact image it converges to, see :func:`lightdome.exact`. Its
+    stages are timed on ``device``. A ``peer`` is another program, see :mod:`lightdome.evaluation.peers`; its ``clock``
+    returns the seconds of each stage of its last run, which add up to its time.
     """
 
     name: str
@@ -61,7 +60,7 @@ class Method:
 
 @dataclass(frozen=True)
 class MethodMeasurement:
-    """One method at one count. Errors are relative to the exact image's root mean square over the disc."""
+    """One method at one count. The RMSE is relative to the exact image's root mean square over the disc."""
 
     method: str
     kind: str
@@ -69,16 +68,16 @@ class MethodMeasurement:
     seeds: int
     rmse: float
     rmse_spread: float  # standard deviation over the seeds
-    largest_error: float  # the largest absolute error over the exact image's maximum, mean over the seeds
-    bias: float  # mean error over pixels and seeds, over the exact image's mean
+    largest_error: float  # largest absolute error / exact image's maximum, mean over the seeds
+    bias: float  # mean error over pixels and seeds / exact image's mean
     wall_seconds: float
-    wall_spread: float  # half the distance of the quartiles
-    first_seconds: float  # the first run, with the build of its programs
-    pixels: str = "centres"  # of the map, in the exact image that the errors are against
+    wall_spread: float  # half the distance between the quartiles
+    first_seconds: float  # the first run, including the build of its programs
+    pixels: str = "centres"  # how the exact image used for the errors treats the map's pixels
     peer: bool = False
     stages: dict[str, float] = field(
         default_factory=dict
-    )  # seconds by stage, of the median run; a device's or a peer's
+    )  # seconds by stage of the median run, on the device or in the peer
 
 
 def methods(device: Device, envmap: EnvironmentMap, resolution: int) -> dict[str, Method]:
@@ -127,16 +126,16 @@ def methods(device: Device, envmap: EnvironmentMap, resolution: int) -> dict[str
 
 
 def measure_method(method: Method, count: int, seeds: int, repeats: int, reference: np.ndarray) -> MethodMeasurement:
-    """Run ``method`` at ``count`` over ``seeds`` for its error and ``repeats`` times for its time.
+    """Run ``method`` at ``count``, over ``seeds`` seeds for its error and ``repeats`` times for its time.
 
-    ``reference`` is the exact image that it converges to, the one of ``method.pixels``.
+    ``reference`` is the exact image that it converges to, according to ``method.pixels``.
     """
     mask = disc_mask(len(reference))
     truth = reference[mask].astype(np.float64)
 
     errors, largest, means = [], [], []
 
-    def judge(image: np.ndarray) -> None:  # and forget it: many seeds need no more memory than one
+    def judge(image: np.ndarray) -> None:  # and drop the image, so that many seeds need no more memory than one
         difference = image[mask] - truth
         errors.append(relative_rmse(image[mask], truth))
         largest.append(np.abs(difference).max())
@@ -180,7 +179,7 @@ def measure_method(method: Method, count: int, seeds: int, repeats: int, referen
 
 
 def write_method_csv(path: Path, points: Sequence[MethodMeasurement]) -> None:
-    """A row for each measurement, a column for each figure; stages in seconds as ``stage <name>``."""
+    """A row per measurement and a column per figure; columns ``stage <name>`` are in seconds."""
     names = list(dict.fromkeys(stage for p in points for stage in p.stages))
     columns = [f.name for f in fields(MethodMeasurement) if f.name != "stages"]
     rows = ([*(getattr(p, c) for c in columns), *(p.stages.get(name) for name in names)] for p in points)
@@ -188,5 +187,5 @@ def write_method_csv(path: Path, points: Sequence[MethodMeasurement]) -> None:
 
 
 def write_method_json(path: Path, points: Sequence[MethodMeasurement], settings: Mapping[str, object]) -> None:
-    """The settings and all measurements."""
+    """Write the settings and all measurements."""
     write_json(path, {**settings, "measurements": [asdict(p) for p in points]}, allow_nan=True)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import cycle
 from typing import Any
 
@@ -11,10 +13,13 @@ import numpy as np
 from .. import plotting  # first: it imports matplotlib
 
 # isort: split
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from ..disc import disc_mask
@@ -25,10 +30,14 @@ from .metrics import LEVELS, cheapest, most_exact, pareto_front, relative_rmse, 
 
 ROUNDING = 1e-6  # an error below this is the exact image
 READ_OUT = {"family": "monospace", "size": 7}
+BEHIND: dict[str, Any] = {"color": "0.85", "linewidth": 1, "zorder": 1}
+STAGES = 6  # that are named
+RUN_TIME, COUNT = "run time, map to image, ms (median)", "count: samples or lights in all, samples per pixel, or order"
+ERROR = "relative RMSE over the sphere, %"
 DASHES = {"shared": "-", "per pixel": "--", "order": ":", "peer": "-."}
 
 
-def _by_method(points: Sequence[MethodMeasurement]) -> dict[str, list[MethodMeasurement]]:
+def _by_method(points: Iterable[MethodMeasurement]) -> dict[str, list[MethodMeasurement]]:
     result: dict[str, list[MethodMeasurement]] = {}
     for point in points:
         result.setdefault(point.method, []).append(point)
@@ -44,14 +53,12 @@ def _style(index: int, point: MethodMeasurement) -> dict[str, Any]:
     }
 
 
-def _axes(title: str) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(11, 6), layout="constrained")
-    axes = figure.add_subplot()
-    axes.set_title(plotting.text(title), loc="left")
+def _logarithmic(axes: Axes, label: str) -> None:
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.grid(True, which="both", alpha=0.25)
-    return figure, axes
+    axes.set_xlabel(label)
+    axes.set_ylabel(ERROR)
 
 
 def _label_decades(axes: Axes) -> None:
@@ -62,48 +69,157 @@ def _label_decades(axes: Axes) -> None:
         axis.set_minor_formatter(NullFormatter())
 
 
+def _places(line: Iterable[MethodMeasurement]) -> tuple[list[float], list[float]]:
+    """Milliseconds and percent."""
+    line = list(line)
+    return [1e3 * m.wall_seconds for m in line], [100 * m.rmse for m in line]
+
+
+def _counted(point: MethodMeasurement) -> str:
+    said = {"per pixel": f"{point.count} spp", "order": f"order {point.count}"}
+    return said.get(point.kind, f"{point.count} lights")
+
+
+def _group(point: MethodMeasurement) -> str:
+    """Whom a method competes with for a line in the headline: peers of a name, and methods of a kind."""
+    if point.peer:
+        return re.split("[ -]", point.method)[0]
+    if point.method in ("median-cut", "harmonics"):
+        return point.method
+    return f"{point.kind} samples" if point.kind == "shared" else point.kind
+
+
 @plotting.plain()
 def error_against_time(points: Sequence[MethodMeasurement], title: str) -> Figure:
-    """Log-log, a line for each method, the Pareto front drawn, with read-outs at equal error and equal time."""
+    """Log-log, the headline: a line for the best method of each group, at most seven, named where it ends.
+
+    Groups are samples shared by all pixels, median cut, harmonics, samples per pixel, and each other program. The best
+    has the least product of squared error and time, which for independent samples does not depend on their number.
+    """
+    figure = Figure(figsize=(9, 5.6), layout="constrained")
+    axes = figure.add_subplot()
+    axes.set_title(plotting.text(title), loc="left")
+    _logarithmic(axes, RUN_TIME)
+    groups: dict[str, list[MethodMeasurement]] = {}
+    for m in points:
+        if m.rmse >= ROUNDING:
+            groups.setdefault(_group(m), []).append(m)
+    ends = []
+    for i, (group, of_group) in enumerate(groups.items()):
+        best = min(of_group, key=lambda m: m.rmse**2 * m.wall_seconds).method
+        line = _by_method(of_group)[best]
+        x, y = _places(line)
+        axes.plot(x, y, label=plotting.text(best), **_style(i, line[0]))
+        if len(line) > 1:
+            axes.annotate(str(line[0].count), (x[0], y[0]), (0, 6), textcoords="offset points", fontsize=7, ha="center")
+        name = best if group in best else f"{group}: {best}"
+        ends.append((x[-1], y[-1], plotting.text(f"{name}, {_counted(line[-1])}")))
+    exact = [m for m in points if m.rmse < ROUNDING]
+    if exact:
+        x_exact = 1e3 * exact[0].wall_seconds
+        axes.axvline(x_exact, color="0.35", linewidth=1, linestyle=DASHES["order"], label="exact")
+        place = axes.get_xaxis_transform()
+        axes.text(x_exact, 0.02, " exact image", transform=place, fontsize=9, color="0.35")
+    axes.margins(x=0.12, y=0.08)
+    _label_ends(axes, ends)
+    _label_decades(axes)
+    return figure
+
+
+def _label_ends(axes: Axes, ends: Sequence[tuple[float, float, str]]) -> None:
+    """Names to the right of (x, y), upwards where they would overlap; the axes grow to hold them."""
+    (left, right), (low, high) = np.log(axes.get_xlim()), np.log(axes.get_ylim())
+    placed = [
+        (np.log(x), np.log(y), 0.03 + 0.0105 * len(name), name) for x, y, name in ends
+    ]  # widths in the axes', about
+    right = max([right, *(left + (x - left) / (1 - width) for x, _, width, _ in placed)])
+    axes.set_xlim(np.exp(left), np.exp(right))
+    taken: list[tuple[float, float, float]] = []
+    for x, y, width, name in sorted(placed, key=lambda end: end[1]):
+        across, up = (x - left) / (right - left), (y - low) / (high - low)
+        for start, end, other in taken:
+            if across < end and start < across + width:
+                up = max(up, other + 0.045)
+        taken.append((across, across + width, up))
+        label = axes.annotate(
+            name,
+            (np.exp(x), np.exp(low + up * (high - low))),
+            (9, -3),
+            textcoords="offset points",
+            fontsize=9,
+        )
+        label.set_path_effects([withStroke(linewidth=3, foreground="white")])
+
+
+def _family(point: MethodMeasurement) -> str:
+    if point.peer:
+        return "other programs"
+    return f"per pixel: {point.method.partition('-')[0]}" if point.kind == "per pixel" else "shared by all pixels"
+
+
+def _panels(
+    points: Sequence[MethodMeasurement], title: str, label: str
+) -> tuple[Figure, Iterator[tuple[Axes, list[list[MethodMeasurement]], list[list[MethodMeasurement]]]]]:
+    """A figure with a panel for each family of methods on common axes, and of each: the axes, its lines, the others."""
+    families: dict[str, list[MethodMeasurement]] = {}
+    for m in points:
+        families.setdefault(_family(m), []).append(m)
+    columns = min(max(len(families), 1), 3)
+    rows = max(-(-len(families) // columns), 1)
+    figure = Figure(figsize=(4 * columns + 2.6, 3.6 * rows + 0.4), layout="constrained")
+    figure.suptitle(plotting.text(title), x=0.01, ha="left")
+    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    for axes in grid.flat[len(families) :]:
+        axes.remove()
+
+    def fill() -> Iterator[tuple[Axes, list[list[MethodMeasurement]], list[list[MethodMeasurement]]]]:
+        for i, (axes, (family, own)) in enumerate(zip(grid.flat, families.items(), strict=False)):
+            _logarithmic(axes, label)
+            if i % columns > 0:
+                axes.set_ylabel("")
+            if i + columns < len(families):
+                axes.set_xlabel("")
+            else:
+                axes.tick_params(labelbottom=True)
+            axes.set_title(family, loc="left", fontsize=10)
+            others = [m for m in points if _family(m) != family]
+            yield axes, list(_by_method(own).values()), list(_by_method(others).values())
+            axes.legend(fontsize=7.5, loc="lower right" if label == RUN_TIME else "upper right", handlelength=3)
+        _label_decades(grid.flat[0])
+
+    return figure, fill()
+
+
+@plotting.plain()
+def error_against_time_all(points: Sequence[MethodMeasurement], title: str) -> Figure:
+    """Log-log, every method, in a panel for each family; the Pareto front, and read-outs at equal error and equal time.
+
+    The other families' lines are grey in each panel.
+    """
     exact = [p for p in points if p.rmse < ROUNDING]
     points = [p for p in points if p.rmse >= ROUNDING]
-    figure, axes = _axes(title)
-    for i, (name, line) in enumerate(_by_method(points).items()):
-        axes.plot(
-            [1e3 * m.wall_seconds for m in line],
-            [100 * m.rmse for m in line],
-            label=plotting.text(name),
-            **_style(i, line[0]),
-        )
-        for m in line:
-            axes.annotate(
-                str(m.count),
-                (1e3 * m.wall_seconds, 100 * m.rmse),
-                textcoords="offset points",
-                xytext=(4, 4),
-                fontsize=6,
-                alpha=0.7,
-            )
+    figure, panels = _panels(points, title, RUN_TIME)
     front = pareto_front(points)
-    axes.step(
-        [1e3 * m.wall_seconds for m in front],
-        [100 * m.rmse for m in front],
-        where="post",
-        color="black",
-        linewidth=6,
-        alpha=0.15,
-        label="Pareto front",
-    )
-    axes.set_xlabel("run time, map to image, ms (median)")
-    axes.set_ylabel("relative RMSE over the sphere, %")
-    for m, dashes in zip(exact, cycle(DASHES.values()), strict=False):
-        label = f"{m.method}, {m.wall_seconds:.2g} s"
-        axes.axvline(1e3 * m.wall_seconds, color="black", linewidth=1, linestyle=dashes, label=label)
-    _label_decades(axes)
-    # Beside the plot: inside, they would cover points.
-    axes.legend(
-        fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1), title=_read_outs(points), title_fontproperties=READ_OUT
-    )
+    handles: list[Line2D] = []
+    for axes, own, others in panels:
+        for line in others:
+            axes.plot(*_places(line), **BEHIND)
+        for i, line in enumerate(own):
+            axes.plot(*_places(line), label=plotting.text(line[0].method), **_style(i, line[0]))
+            for m in {line[0].count: line[0], line[-1].count: line[-1]}.values():
+                place = 1e3 * m.wall_seconds, 100 * m.rmse
+                axes.annotate(str(m.count), place, (4, 4), textcoords="offset points", fontsize=6.5)
+        handles = axes.step(*_places(front), where="post", color="black", linewidth=6, alpha=0.15)
+        handles[0].set_label("Pareto front")
+        for m, dashes in zip(exact, cycle(DASHES.values()), strict=False):
+            label = f"{m.method}, {m.wall_seconds:.2g} s"
+            x_exact = 1e3 * m.wall_seconds
+            handles.append(axes.axvline(x_exact, color="black", linewidth=1, linestyle=dashes, label=label))
+        for handle in handles:
+            handle.set_label(f"_{handle.get_label()}")  # in the figure's legend alone
+    names = [str(handle.get_label())[1:] for handle in handles]
+    legend = {"fontsize": 8, "title": _read_outs(points), "title_fontproperties": READ_OUT}
+    figure.legend(handles, names, loc="outside right upper", **legend)
     return figure
 
 
@@ -123,63 +239,78 @@ def _read_outs(points: Sequence[MethodMeasurement]) -> str:
 
 @plotting.plain()
 def error_against_count(points: Sequence[MethodMeasurement], title: str) -> Figure:
-    """Log-log, a line for each method with its spread over the seeds, the fitted slope in the legend."""
-    figure, axes = _axes(title)
-    lines = {n: line for n, line in _by_method([p for p in points if p.rmse > 0]).items() if len(line) > 1}
-    for i, (name, line) in enumerate(lines.items()):
-        exponent = slope(line)
-        axes.errorbar(
-            [m.count for m in line],
-            [100 * m.rmse for m in line],
-            yerr=[100 * min(m.rmse_spread, 0.9 * m.rmse) for m in line],
-            label=plotting.text(f"{name}, slope {exponent:.2f}"),
-            capsize=2,
-            **_style(i, line[0]),
-        )
-    axes.set_xlabel("count: samples or lights in all, samples per pixel, or order")
-    axes.set_ylabel("relative RMSE over the sphere, %")
-    _label_decades(axes)
-    if lines:
-        axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1))
+    """Log-log, every method with its spread over the seeds, in a panel for each family; the legends have the slopes."""
+    several = [p for p in points if p.rmse >= ROUNDING]
+    several = [p for line in _by_method(several).values() if len(line) > 1 for p in line]
+    figure, panels = _panels(several, title, COUNT)
+    for axes, own, others in panels:
+        for line in others:
+            axes.plot([m.count for m in line], [100 * m.rmse for m in line], **BEHIND)
+        for i, line in enumerate(own):
+            axes.errorbar(
+                [m.count for m in line],
+                [100 * m.rmse for m in line],
+                yerr=[100 * min(m.rmse_spread, 0.9 * m.rmse) for m in line],
+                label=plotting.text(f"{line[0].method}, slope {slope(line):.2f}"),
+                capsize=2,
+                **_style(i, line[0]),
+            )
     return figure
 
 
 @plotting.plain()
 def stages(points: Sequence[MethodMeasurement], title: str) -> Figure:
-    """A bar for each run: time of each stage stacked, and what the host adds up to the wall time."""
-    points = [p for p in points if p.stages]
-    names = list(dict.fromkeys(stage for p in points for stage in p.stages))
-    figure = Figure(figsize=(9, 0.8 + 0.22 * max(len(points), 6)), layout="constrained")
+    """A bar for each method at its least and its largest count: shares of the wall time, stacked.
+
+    They are the six stages that take most of it, all others as one, and what the host adds up to the wall time.
+    """
+    lines = _by_method(p for p in points if p.stages)
+    points = [p for line in lines.values() for p in (line[:1] + line[-1:] if len(line) > 1 else line)]
+    shares = [{name: seconds / p.wall_seconds for name, seconds in p.stages.items()} for p in points]
+    total = Counter[str]()
+    for of_point in shares:
+        total.update(of_point)
+    most = {name for name, _ in total.most_common(STAGES)}
+    figure = Figure(figsize=(9, 1.2 + 0.18 * max(len(points), 6)), layout="constrained")
     axes = figure.add_subplot()
     axes.set_title(plotting.text(title), loc="left")
-    y = np.arange(len(points))
-    left = np.zeros(len(points))
-    hatches = ["", "//", "..", "xx", "\\\\", "--", "++", "oo"]
-    for i, name in enumerate(names):
-        width = np.array([p.stages.get(name, 0) / p.wall_seconds for p in points])
-        axes.barh(
-            y, width, left=left, label=name, color=COLOURS[i % len(COLOURS)], hatch=hatches[(i + i // 8) % 8], alpha=0.8
-        )
-        left += width
-    axes.barh(y, np.maximum(1 - left, 0), left=left, label="host", color="0.9", edgecolor="0.6")
+    bars: dict[str, list[float]] = {
+        name: [of_point.get(name, 0.0) for of_point in shares] for name in total if name in most
+    }
+    # From dark to light, so that they are told apart in grey too.
+    looks: list[dict[str, Any]] = [{"color": colour} for colour in colormaps["viridis"](np.linspace(0, 1, len(bars)))]
+    if len(total) > len(most):
+        bars["other stages"] = [sum(s for name, s in of_point.items() if name not in most) for of_point in shares]
+        looks.append({"color": "white", "hatch": "////"})
+    bars["host"] = [max(1 - sum(of_point.values()), 0.0) for of_point in shares]
+    looks.append({"color": "0.85"})
+    y, left = np.arange(len(points)), np.zeros(len(points))
+    for (name, widths), look in zip(bars.items(), looks, strict=True):
+        axes.barh(y, widths, left=left, label=name, edgecolor="0.4", linewidth=0.4, **look)
+        left += widths
     labels = [plotting.text(f"{p.method} {p.count} ({1e3 * p.wall_seconds:.1f} ms)") for p in points]
     axes.set_yticks(y, labels, fontsize=7)
-    axes.invert_yaxis()
+    axes.set_ylim(len(points) - 0.4, -0.6)
     axes.set_xlabel("share of the wall time")
     axes.set_xlim(0, max(1.0, left.max(initial=1.0)))
-    figure.legend(fontsize=8, loc="outside lower center", ncols=6)
+    figure.legend(fontsize=8, loc="outside lower center", ncols=len(bars))
     return figure
 
 
 @plotting.plain()
 def images(
-    named: Mapping[str, np.ndarray], exact: np.ndarray, title: str, exact_of: Mapping[str, np.ndarray] | None = None
+    named: Mapping[str, np.ndarray],
+    exact: np.ndarray,
+    title: str,
+    exact_of: Mapping[str, np.ndarray] | None = None,
+    exposure: float | None = None,
 ) -> Figure:
     """Every method's image over its error in false colour, beside the exact image; one scale for all errors.
 
-    Errors are against ``exact``, or by an image's name against another one in ``exact_of``.
+    Errors are against ``exact``, or by an image's name against another one in ``exact_of``. ``exposure`` is that of
+    the exact image, unless one is given.
     """
-    exposure = auto_exposure(exact)
+    exposure = exposure or auto_exposure(exact)
     mask = disc_mask(len(exact))
     peak = exact.max()
     norm = LogNorm(1e-4, 1)

@@ -1,6 +1,6 @@
 """Error metrics, convergence rates, and comparisons of methods.
 
-(:mod:`lightdome.reference` has an independent relative RMSE.)
+:mod:`lightdome.reference` has an independent relative RMSE.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from ..disc import disc_mask
 if TYPE_CHECKING:
     from .benchmark import MethodMeasurement
 
-LEVELS = (0.1, 0.03, 0.01, 0.003)  # of relative RMSE, at which methods are compared
+LEVELS = (0.1, 0.03, 0.01, 0.003)  # relative RMSE at which methods are compared
 
 
 def relative_rmse(pixels: np.ndarray, exact: np.ndarray) -> float:
-    """sqrt(mean((pixels - exact)^2)) / sqrt(mean(exact^2)), over arrays of one shape, in float64."""
-    truth = exact.astype(np.float64)  # squares may leave float32's range
+    """sqrt(mean((pixels - exact)^2)) / sqrt(mean(exact^2)), for arrays of equal shape, in float64."""
+    truth = exact.astype(np.float64)  # squares may exceed float32's range
     return float(np.sqrt(((pixels - truth) ** 2).mean() / (truth**2).mean()))
 
 
 def left_after_averaging(image: np.ndarray, exact: np.ndarray, side: int) -> float:
-    """The relative RMSE that is left when both images are averaged over squares of ``side`` pixels.
+    """The relative RMSE that remains when both images are averaged over squares of ``side`` pixels.
 
-    Only squares inside the sphere count; NaN where none is, or no light falls on them.
+    Only squares inside the sphere count; NaN if there are none, or if no light falls on them.
     """
     whole = len(exact) // side * side
     inside = disc_mask(len(exact))[:whole, :whole].reshape(whole // side, side, -1, side).all(axis=(1, 3))
@@ -41,7 +41,7 @@ def left_after_averaging(image: np.ndarray, exact: np.ndarray, side: int) -> flo
 
 
 def half_quartile_distance(values: Sequence[float]) -> float:
-    """Half the distance of the quartiles: the spread beside a median."""
+    """Half the distance between the quartiles, as the spread that goes with a median."""
     return float(np.subtract(*np.percentile(values, [75, 25])) / 2)
 
 
@@ -58,17 +58,17 @@ def slope(points: Sequence[MethodMeasurement]) -> float | None:
 
 
 def cheapest(points: Iterable[MethodMeasurement], error: float) -> MethodMeasurement | None:
-    """The measured method of at most ``error`` that took the least time, None if there is none."""
+    """The fastest measurement with at most ``error``, or None if there is none."""
     return min((m for m in points if m.rmse <= error), key=lambda m: m.wall_seconds, default=None)
 
 
 def most_exact(points: Iterable[MethodMeasurement], seconds: float) -> MethodMeasurement | None:
-    """The measured method of at most ``seconds`` with the least error, None if there is none."""
+    """The most accurate measurement of at most ``seconds``, or None if there is none."""
     return min((m for m in points if m.wall_seconds <= seconds), key=lambda m: m.rmse, default=None)
 
 
 def pareto_front(points: Iterable[MethodMeasurement]) -> list[MethodMeasurement]:
-    """Those that nothing beats in both time and error, by increasing time."""
+    """The measurements that no other beats in both time and error, by increasing time."""
     front: list[MethodMeasurement] = []
     for point in sorted(points, key=lambda m: (m.wall_seconds, m.rmse)):
         if not front or point.rmse < front[-1].rmse:

@@ -1,7 +1,7 @@
-"""Mitsuba 3 in a process of its own: an object lives there, and its methods are called from here.
+"""Mitsuba 3 in a separate process: an object lives there, and its methods are called from here.
 
-A separate process, because the LLVM that Dr.Jit loads may abort: LLVM 15 and 16 lack what Dr.Jit's
-code needs on some processors.
+The process is separate because the LLVM that Dr.Jit loads may abort: on some processors, LLVM 15 and 16 lack what
+Dr.Jit's code needs.
 """
 
 from __future__ import annotations
@@ -25,43 +25,43 @@ INSTALL = "pip install 'lightdome[peers]'"
 
 
 def installed() -> bool:
-    """Whether the package ``mitsuba`` is there; imports nothing."""
+    """Whether the package ``mitsuba`` is installed, without importing it."""
     return find_spec("mitsuba") is not None
 
 
 class Worker(Protocol):
-    """What lives in the process; ``about`` says what runs there, in JSON's types only."""
+    """The object in the process; ``about`` describes what runs there, in JSON types only."""
 
     about: dict[str, object]
 
 
 class MitsubaProcess:
-    """A process that has made ``make(*arguments)``, a :class:`Worker`; ``about`` is the worker's.
+    """A process that holds ``make(*arguments)``, a :class:`Worker`, whose ``about`` this has too.
 
-    Raises :class:`LightdomeError` where the worker cannot be made or the process ends. It ends with this object, or by
-    ``stop()``.
+    Raises :class:`LightdomeError` if the worker cannot be made or the process ends. The process ends with this object,
+    or by ``stop()``.
     """
 
     def __init__(self, make: Callable[..., Worker], *arguments: object, start_timeout: float = START_TIMEOUT) -> None:
-        # Not forked: a copy of OpenCL's threads and locks would be broken.
+        # Not forked, since a copy of OpenCL's threads and locks would be broken.
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = context.Pipe()
         self._process = context.Process(target=_work, args=(theirs,), daemon=True)
-        with Unheard():  # Ctrl-C goes to the whole group
+        with Unheard():  # Ctrl-C goes to the whole process group
             self._process.start()
         theirs.close()
         self.stop = weakref.finalize(self, _stop, self._process, self._connection)
         self.about: dict[str, object] = self.call(make, *arguments, timeout=start_timeout)
 
     def call(self, method: str | Callable[..., Worker], *arguments: object, timeout: float) -> Any:
-        """What the worker's ``method`` returns for ``arguments``; what makes the worker, its ``about``.
+        """The result of the worker's ``method`` for ``arguments``; for a function that makes the worker, its ``about``.
 
-        Raises :class:`LightdomeError` in one line where it raises anything, and where the process ends or does not
-        answer in ``timeout`` seconds, after which it answers no more.
+        Raises :class:`LightdomeError`, in one line, if the worker raises anything, the process ends, or it does not
+        answer within ``timeout`` seconds. After a timeout it does not answer again.
         """
         if not self.stop.alive:
             raise LightdomeError("Mitsuba's process has ended")
-        with contextlib.suppress(OSError):  # a process that has just ended says why below
+        with contextlib.suppress(OSError):  # if the process has just ended, the reason is found below
             self._connection.send((method, arguments))
         try:
             if self._connection.poll(timeout):
@@ -90,8 +90,8 @@ def _stop(process: multiprocessing.process.BaseProcess, connection: Connection) 
 
 
 def _work(connection: Connection) -> None:
-    """Make the worker and say what runs, then do what is asked: each answer is (result, error)."""
-    # Dr.Jit and LLVM complain over many lines where a text says what is wrong.
+    """Make the worker and describe it, then serve calls; each answer is (result, error)."""
+    # Silence Dr.Jit and LLVM, which complain over many lines where one line says what is wrong.
     with Path(os.devnull).open("wb") as nowhere:
         os.dup2(nowhere.fileno(), 1)
         os.dup2(nowhere.fileno(), 2)
@@ -111,7 +111,7 @@ def _work(connection: Connection) -> None:
                 answer = None, _line(error)
             connection.send(answer)
     except (EOFError, OSError):
-        return  # the other side has gone
+        return  # the other side has ended
 
 
 def _line(error: Exception) -> str:
@@ -119,9 +119,9 @@ def _line(error: Exception) -> str:
 
 
 def use_variant(variant: str) -> dict[str, object]:
-    """Set Mitsuba's ``variant``, quietly; the versions of Mitsuba and, for one that needs it, of LLVM.
+    """Set Mitsuba's ``variant``, quietly; returns the version of Mitsuba and, if the variant needs it, of LLVM.
 
-    Raises :class:`LightdomeError` where a variant needs an LLVM of version 17 or newer, and there is none.
+    Raises :class:`LightdomeError` if the variant needs LLVM 17 or newer, and there is none.
     """
     import drjit
     import mitsuba
@@ -134,7 +134,7 @@ def use_variant(variant: str) -> dict[str, object]:
         found = drjit.detail.llvm_version()
         about["llvm"] = ".".join(map(str, found))
         if found[0] < MIN_LLVM:
-            raise LightdomeError(f"needs LLVM {MIN_LLVM} or newer and found {about['llvm']}; {advice}")
+            raise LightdomeError(f"needs LLVM {MIN_LLVM} or newer, found {about['llvm']}; {advice}")
     mitsuba.set_variant(variant)
     mitsuba.set_log_level(mitsuba.LogLevel.Error)
     return about

@@ -1,19 +1,19 @@
-"""Mitsuba 3 as a peer: the same sphere, drawn in a process of its own (:mod:`lightdome.evaluation.mitsuba_process`).
+"""Mitsuba 3 as a peer: the same sphere, rendered in a separate process (:mod:`lightdome.evaluation.mitsuba_process`).
 
-The map. Mitsuba's +y is up like ours, but column 0 looks along -z where ours looks along +x: a quarter
-turn, ``rotate([0, 1, 0], -90)``, and no mirror. It interpolates between the centres of columns, as one
-would, but spreads the rows from pole to pole: row y of H lies at theta = pi y / (H - 1), ours at
-pi (y + 1/2) / H. So it gets 2 H + 1 rows, which hit all our rows' centres and edges: every edge is the
-mean of the rows that it parts, and interpolation between them is interpolation between our rows.
+The map. In Mitsuba +y is up, as in lightdome, but column 0 looks along -z instead of +x: a quarter turn,
+``rotate([0, 1, 0], -90)``, and no mirror. Mitsuba interpolates between the centres of columns, as expected, but spreads
+the rows from pole to pole: row y of H is at theta = pi y / (H - 1), where lightdome's is at pi (y + 1/2) / H. So it is
+given 2 H + 1 rows, which lie on the centres and edges of all our rows. Each edge row is the mean of its two neighbours,
+so interpolation between Mitsuba's rows equals interpolation between ours.
 
-The camera. Mitsuba takes a pixel's samples all over the pixel, so at the rim some miss the sphere and
-darken the pixel, some 2 % relative RMSE at 127 x 127 however many samples. A larger sphere far behind
-catches them, with normals that go on where the sphere's end.
+The camera. Mitsuba spreads a pixel's samples over the whole pixel, so at the rim some miss the sphere and darken the
+pixel: about 2 % relative RMSE at 127 x 127, however many samples. A larger sphere far behind catches them, with normals
+that continue beyond the sphere's rim.
 
-The integrator is ``direct`` with one light and one BSDF sample. The sampler is ``multijitter``, on Grace the
-best of Mitsuba's for its number of samples: at 64, 5.6 % relative RMSE where ``independent`` has 13.1 %. It
-rounds up counts that it cannot arrange, 32 to 35; time and error are those of what it took, and ``about``
-keeps how many that was.
+The integrator is ``direct`` with one light sample and one BSDF sample. The sampler is ``multijitter``, on Grace the
+best of Mitsuba's for its number of samples: at 64 its relative RMSE is 5.6 %, compared with 13.1 % for ``independent``.
+It rounds up counts that it cannot arrange, such as 32 to 35. Time and error are those of the samples it took, and
+``about`` records their number.
 
 Sources: https://mitsuba.readthedocs.io, plug-ins ``envmap``, ``orthographic``, ``direct``, ``multijitter``.
 """
@@ -33,7 +33,7 @@ FAR_BEHIND = 100.0
 
 
 def between_poles(radiance: np.ndarray) -> np.ndarray:
-    """The map (H, W, 3) as the (2 H + 1, W, 3) rows that Mitsuba spreads from pole to pole, W at least 2."""
+    """The map (H, W, 3) as the (2 H + 1, W, 3) rows that Mitsuba spreads from pole to pole; W is at least 2."""
     height = len(radiance)
     rows = np.empty((2 * height + 1, *radiance.shape[1:]), np.float32)
     rows[1::2] = radiance
@@ -43,12 +43,12 @@ def between_poles(radiance: np.ndarray) -> np.ndarray:
 
 
 class MitsubaRenderer:
-    """Mitsuba with a map, which draws the sphere under it with one of :data:`VARIANTS`.
+    """Mitsuba with a map, which renders the sphere under it with one of :data:`VARIANTS`.
 
-    ``MitsubaRenderer(variant, radiance)`` raises :class:`LightdomeError` where Mitsuba, or for ``llvm_ad_rgb`` an
-    LLVM of version 17 or newer, is missing or does not work. Its process ends with the object.
-    ``about`` says what runs: version, LLVM, threads, the seconds of its start with a first, small image, and
-    the samples that it took per pixel by those that it was told.
+    ``MitsubaRenderer(variant, radiance)`` raises :class:`LightdomeError` if Mitsuba is missing or does not work, and
+    for ``llvm_ad_rgb`` also without LLVM 17 or newer. Its process ends with the object. ``about`` describes what runs:
+    the version, LLVM, threads, the seconds of its start (including a first, small image), and for each number of
+    samples requested, how many were taken per pixel.
     """
 
     def __init__(self, variant: str, radiance: np.ndarray) -> None:
@@ -65,9 +65,9 @@ class MitsubaRenderer:
     def render(self, resolution: int, spp: int, seed: int) -> tuple[np.ndarray, dict[str, float]]:
         """The image (R, R, 3) float32, 0 outside the disc, and the seconds of its stages by the process's clock.
 
-        ``scene`` is the scene with the map's distribution, from the map in memory; ``render`` goes on to the image
-        in memory. What the image takes from process to process is no part of them. Raises
-        :class:`LightdomeError` where Mitsuba fails, ends, or takes some hundred times what it should.
+        The stage ``scene`` goes from the map in memory to the scene with the map's distribution; ``render`` goes on to
+        the image in memory. Transfers of the image between processes are not included. Raises :class:`LightdomeError`
+        if Mitsuba fails, ends, or takes several hundred times as long as expected.
         """
         timeout = 300 + 2e-3 * spp * resolution**2
         image, stages, self._taken[spp] = self._process.call("draw", resolution, spp, seed, timeout=timeout)
@@ -79,7 +79,7 @@ class MitsubaRenderer:
 
 
 class SphereWorker:
-    """The map as Mitsuba's bitmap; it draws a small image before it counts as there."""
+    """The map as Mitsuba's bitmap; renders a small image before it is ready."""
 
     def __init__(self, variant: str, rows: np.ndarray) -> None:
         self.about = use_variant(variant)
@@ -91,7 +91,7 @@ class SphereWorker:
         self.draw(8, 1, 0)
 
     def draw(self, resolution: int, spp: int, seed: int) -> tuple[np.ndarray, dict[str, float], int]:
-        """The image, the seconds of its stages, and the samples that were taken per pixel."""
+        """The image, the seconds of its stages, and the number of samples taken per pixel."""
         import mitsuba
 
         start = time.perf_counter()
@@ -103,7 +103,7 @@ class SphereWorker:
 
 
 def _scene(mitsuba: Any, bitmap: Any, resolution: int, spp: int) -> dict[str, object]:
-    """The scene as ``mitsuba.load_dict`` takes it; ``bitmap`` holds the rows of :func:`between_poles`."""
+    """The scene for ``mitsuba.load_dict``; ``bitmap`` holds the rows of :func:`between_poles`."""
     transform = mitsuba.ScalarTransform4f()
     white = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 1.0}}
     return {

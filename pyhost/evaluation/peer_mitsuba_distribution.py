@@ -1,6 +1,7 @@
-"""Mitsuba 3's ``DiscreteDistribution2D`` on the stability table's maps, in a process of its own.
+"""Mitsuba 3's ``DiscreteDistribution2D`` on the stability table's maps, in a separate process.
 
-It gets luminance x sin(theta) in float32 and is asked for p of all pixels and for draws, in ``llvm_ad_rgb``.
+It is given luminance x sin(theta) in float32, in the variant ``llvm_ad_rgb``, and asked for p of all pixels and for
+draws.
 """
 
 from __future__ import annotations
@@ -22,23 +23,23 @@ TIMEOUT = 300.0  # seconds
 
 
 class MitsubaSamplers:
-    """The process; :meth:`sampler` gives one for a map. Make it with :func:`start`."""
+    """Mitsuba's process, made with :func:`start`; :meth:`sampler` makes a sampler for a map."""
 
     def __init__(self, process: MitsubaProcess) -> None:
         self._process = process
         self.about = process.about
 
     def sampler(self, radiance: np.ndarray) -> MitsubaSampler:
-        """A :class:`lightdome.evaluation.stability.Sampler`.
+        """A :class:`lightdome.evaluation.stability.Sampler` for a map.
 
-        Raises :class:`LightdomeError` where Mitsuba fails or ends.
+        Raises :class:`LightdomeError` if Mitsuba fails or ends.
         """
         return MitsubaSampler(self._process, radiance)
 
 
 @contextmanager
 def start() -> Iterator[MitsubaSamplers]:
-    """Start the process; it ends with the block. Raises :class:`LightdomeError` where Mitsuba does not work."""
+    """Start the process; it ends with the ``with`` block. Raises :class:`LightdomeError` if Mitsuba does not work."""
     if not installed():
         raise LightdomeError(INSTALL)
     process = MitsubaProcess(DistributionWorker)
@@ -68,11 +69,11 @@ class MitsubaSampler:
         return p
 
     def draw(self, count: int, seed: int) -> Samples:
-        """``count`` samples of points that numpy draws, 24 bits each."""
+        """``count`` samples, from points of 24 bits that numpy draws."""
         height, width = self._radiance.shape[:2]
         x, y, p = self._process.call("draw", count, seed, timeout=TIMEOUT)
         direction = directions(row_angles(height)[y], column_angles(width)[x])
-        return made(  # unchecked: whether they are right is the question
+        return made(  # unchecked, because their correctness is what is being measured
             Samples,
             direction=direction.astype(np.float32),
             radiance=self._radiance[y, x],
@@ -82,7 +83,7 @@ class MitsubaSampler:
         )
 
     def image(self, samples: Samples, resolution: int) -> np.ndarray:
-        """The sphere in the light of the samples, shaded by numpy in float64."""
+        """The sphere lit by the samples, shaded by numpy in float64."""
         image = np.zeros((resolution, resolution, 3))
         mask = disc_mask(resolution)
         normals = reference.normals(resolution)[mask]
@@ -94,14 +95,14 @@ class MitsubaSampler:
 
 
 class DistributionWorker:
-    """The distribution that was built last."""
+    """Holds the most recently built distribution."""
 
     def __init__(self) -> None:
         self.about = use_variant("llvm_ad_rgb")
         self.build(np.ones((2, 2), np.float32))
 
     def build(self, weights: np.ndarray) -> float:
-        """Build the distribution; the total weight, from what the brightest pixel's two values say of it."""
+        """Build the distribution; returns the total weight, from the brightest pixel's weight and p."""
         import mitsuba
 
         self._distribution = mitsuba.DiscreteDistribution2D(weights)
@@ -111,7 +112,7 @@ class DistributionWorker:
             return float(np.float64(self._distribution.eval(at)[0]) / np.float64(self._distribution.pdf(at)[0]))
 
     def probability(self, first: int, last: int, width: int) -> np.ndarray:
-        """p of the rows from ``first`` to before ``last``."""
+        """p of the rows ``first`` to ``last`` - 1."""
         import mitsuba
 
         y, x = np.mgrid[first:last, 0:width].astype(np.uint32)
@@ -119,11 +120,11 @@ class DistributionWorker:
         return np.broadcast_to(p, y.size).reshape(y.shape)
 
     def draw(self, count: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """x, y and p of ``count`` pixels."""
+        """x, y and p of ``count`` drawn pixels."""
         import mitsuba
 
         u = np.random.default_rng(seed).random((2, count), dtype=np.float32)
         at, p, _ = self._distribution.sample(mitsuba.Point2f(u[0], u[1]))
-        # Dr.Jit keeps what is the same for all, the only row of a map say, as one value.
+        # If all entries are equal, as y is for a map of one row, Dr.Jit keeps a single value.
         x, y, p = (np.broadcast_to(np.array(v), count) for v in (at.x, at.y, p))
         return x, y, p

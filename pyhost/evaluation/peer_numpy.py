@@ -1,8 +1,8 @@
-"""numpy as a peer: what a careful user writes without OpenCL, samples shared by all pixels.
+"""numpy as a peer: what a careful user would write without OpenCL, with samples shared by all pixels.
 
-The map's two-level CDF is two cumulative sums in float64, N samples are two ``searchsorted`` calls, and
-shading is a matrix product, a maximum and a matrix product (BLAS, float32) over chunks of pixels whose
-cosines stay in the cache, one thread a core. It shares no code with the kernels' host.
+The map's two-level CDF is two cumulative sums in float64, and N samples take two ``searchsorted`` calls. Shading is a
+matrix product, a maximum and another matrix product (BLAS, float32), over chunks of pixels whose cosines stay in the
+cache, with one thread per core. It shares no code with lightdome's kernels.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from .. import reference
 from ..disc import disc_mask
 from ..maps.geometry import directions
 
-PAIRS_PER_CHUNK = 2**18  # 1 MB of cosines; a BLAS product much larger starts threads of its own
+PAIRS_PER_CHUNK = 2**18  # 1 MB of cosines; for much larger products BLAS starts its own threads
 
 
 def draw(radiance: np.ndarray, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Draw ``count`` pixels of ``radiance`` (H, W, 3): (direction (N, 3), flux (N, 3)), float64.
 
-    Independent samples: row by p(y), column by p(x | y), p proportional to (R+G+B)/3 sin(theta). A sample's
-    flux is its radiance / (N density), so the irradiance of a normal n is the sum of flux max(0, n . w).
+    Samples are independent: the row by p(y), the column by p(x | y), with p proportional to (R+G+B)/3 sin(theta). A
+    sample's flux is its radiance / (N density), so the irradiance at a normal n is the sum of flux max(0, n . w).
     """
     height, width = radiance.shape[:2]
     theta, phi = reference.angles(height, width)
@@ -36,7 +36,7 @@ def draw(radiance: np.ndarray, count: int, seed: int) -> tuple[np.ndarray, np.nd
 
     u = np.random.default_rng(seed).random((count, 2))
     y = np.searchsorted(rows, np.minimum(u[:, 1] * rows[-1], np.nextafter(rows[-1], 0)), side="right")
-    # One search for all: the CDF of row y runs from y to y + 1. Rounding must not reach the next row.
+    # A single search for all rows: the CDF of row y runs from y to y + 1, and rounding must not reach y + 1.
     along /= np.where(total > 0, total, 1)[:, None]
     along += np.arange(height)[:, None]
     x = np.searchsorted(along.ravel(), np.minimum(y + u[:, 0], np.nextafter(y + 1.0, 0)), side="right") - y * width
@@ -70,7 +70,7 @@ def shade(direction: np.ndarray, flux: np.ndarray, resolution: int) -> np.ndarra
 
 
 def draw_and_shade(radiance: np.ndarray, resolution: int, count: int, seed: int) -> tuple[np.ndarray, dict[str, float]]:
-    """The image of ``count`` shared samples, and the seconds of its stages."""
+    """The image from ``count`` shared samples, and the seconds of its stages."""
     start = time.perf_counter()
     direction, flux = draw(radiance, count, seed)
     drawn = time.perf_counter()

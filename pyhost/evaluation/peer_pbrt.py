@@ -1,12 +1,12 @@
 """PBRT as a peer: the scenes of :mod:`lightdome.pbrt.run`, timed as processes.
 
-A run's time is that of PBRT's process and of reading its image, less the time that the same program takes
-for an empty scene, its start-up, which is kept apart. What is left: PBRT reads the map from a file and
-builds its distribution, which is its stage ``scene``, as long as an image of one pixel and one sample takes;
-it renders and writes the image, the stage ``render``. The clock resolves some 0.05 s. PBRT's own report
-of its rendering time is not used: with its progress display on, it ends up to a second late.
+A run's time is that of PBRT's process and of reading its image, minus the program's start-up, which is the time that it
+takes for an empty scene and is recorded separately. The rest has two stages. In ``scene``, PBRT reads the map from a
+file and builds its distribution; this is the time for an image of one pixel and one sample. In ``render``, it renders
+and writes the image. The clock resolves about 0.05 s. PBRT's own report of its rendering time is not used: with its
+progress display on, it ends up to a second late.
 
-The map was written before, for PBRT-v4 as an equal-area square: no part of the time.
+The map is written beforehand (for PBRT-v4 as an equal-area square), which is not part of the time.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ STARTS = 3
 
 
 class PbrtPeer:
-    """A PBRT program and a folder with the map, which is removed with the object.
+    """A PBRT program, and a folder with the map that is removed with the object.
 
-    ``PbrtPeer(path, envmap)`` takes the program that :func:`lightdome.pbrt.find_pbrt` finds for ``path``, and raises
-    the same errors.
+    ``PbrtPeer(path, envmap)`` uses the program that :func:`lightdome.pbrt.find_pbrt` finds for ``path``, and raises the
+    same errors.
     """
 
     def __init__(self, path: str | Path | None, envmap: EnvironmentMap) -> None:
         self.program: Pbrt = find_pbrt(path)
-        self.startup_seconds: float = _median_seconds(lambda: find_pbrt(self.program.path))  # runs an empty scene
+        self.startup_seconds: float = _median_seconds(lambda: find_pbrt(self.program.path))  # renders an empty scene
         self._folder = Path(tempfile.mkdtemp(prefix="lightdome-"))
         weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
         (first,) = write_scenes(self._folder, envmap, [1], versions=[self.program.version])
@@ -46,9 +46,9 @@ class PbrtPeer:
         self._scene_seconds = max(_median_seconds(lambda: self._process(1, 1, 0)) - self.startup_seconds, 0.0)
 
     def render(self, resolution: int, spp: int, seed: int) -> tuple[np.ndarray, dict[str, float]]:
-        """The image (R, R, 3) float32 and the seconds of its stages, start-up subtracted; version 3 has no seed.
+        """The image (R, R, 3) float32 and the seconds of its stages, without start-up; version 3 ignores ``seed``.
 
-        Raises :class:`LightdomeError` where PBRT fails.
+        Raises :class:`LightdomeError` if PBRT fails.
         """
         start = time.perf_counter()
         image = self._process(resolution, spp, seed)
@@ -66,7 +66,7 @@ class PbrtPeer:
 
 
 def _median_seconds(run: Callable[[], object]) -> float:
-    """The median wall time of :data:`STARTS` runs, seconds."""
+    """The median wall time of :data:`STARTS` runs, in seconds."""
     seconds = []
     for _ in range(STARTS):
         start = time.perf_counter()

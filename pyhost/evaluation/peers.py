@@ -1,19 +1,19 @@
 """Other programs on the same sphere, as methods of the benchmark: numpy, Mitsuba 3 and PBRT.
 
     found = find(["numpy", "mitsuba", "pbrt"], envmap, resolution)
-    found.methods   # what is there, by name, for lightdome.evaluation.benchmark.measure_method
-    found.absent    # what is not, by name, and why
+    found.methods   # the available peers, by name, for lightdome.evaluation.benchmark.measure_method
+    found.absent    # the absent peers, by name, and why
 
-Same map, same resolution, same error measure, all cores. Each keeps the time of its stages by its own
-clock, so that start-up and compilation stay apart; ``found.about`` says what each time holds. What is not
-there, or fails when it is tried, is absent: nothing is guessed.
+All use the same map, resolution and error measure, and all cores. Each peer times its stages by its own clock, so that
+start-up and compilation are kept separate; ``found.about`` says what each time includes. A peer that is not installed,
+or fails when it is tried, is absent: nothing is estimated.
 
-numpy shares samples among all pixels like lightdome's own shared methods; Mitsuba and PBRT draw samples per
-pixel. numpy takes a pixel of the map for the direction of its centre. PBRT-v4 has a square whose texels, areas
-of constant radiance, share out the flux of the map's pixels; PBRT-v3 and Mitsuba interpolate between pixels. So
-neither exact image is quite what these three converge to. That of areas is the nearer one, which they are
-measured against. See :mod:`lightdome.evaluation.peer_numpy`,
-:mod:`lightdome.evaluation.peer_mitsuba`, :mod:`lightdome.evaluation.peer_pbrt`.
+numpy shares samples among all pixels, like lightdome's own shared methods; Mitsuba and PBRT draw samples per pixel.
+numpy takes each pixel of the map as the direction of its centre. PBRT-v4 has a square whose texels, areas of constant
+radiance, share out the flux of the map's pixels; PBRT-v3 and Mitsuba interpolate between pixels. So none of the three
+converges exactly to either exact image. The image of areas is closer, so they are measured against that. See
+:mod:`lightdome.evaluation.peer_numpy`, :mod:`lightdome.evaluation.peer_mitsuba` and
+:mod:`lightdome.evaluation.peer_pbrt`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Timed = Callable[[int, int, int], tuple[np.ndarray, dict[str, float]]]  # (resol
 
 @dataclass
 class Peers:
-    """``methods`` by name; ``about`` each of them, JSON's types only; ``absent`` ones and why, in one line each."""
+    """Available ``methods``; what each is ``about``, in JSON types only; why others are ``absent``, in one line."""
 
     methods: dict[str, Method] = field(default_factory=dict)
     about: dict[str, dict[str, object]] = field(default_factory=dict)
@@ -48,13 +48,13 @@ class Peers:
 
 
 def find(names: Sequence[str], envmap: EnvironmentMap, resolution: int = 511, pbrt: Sequence[str | Path] = ()) -> Peers:
-    """Start the peers ``names``, some of :data:`NAMES`; ``pbrt`` are programs or their folders, else the one on PATH.
+    """Start the peers ``names``, some of :data:`NAMES`; ``pbrt`` lists programs or their folders, by default from PATH.
 
-    Raises ``ValueError`` for an unknown name; a peer that does not start is in ``absent``.
+    Raises ``ValueError`` for an unknown name. A peer that does not start is listed in ``absent``.
     """
     unknown = set(names) - set(NAMES)
     if unknown:
-        raise ValueError(f"unknown peer {sorted(unknown)[0]!r}; there is {', '.join(NAMES)}")
+        raise ValueError(f"unknown peer {sorted(unknown)[0]!r}; expected one of {', '.join(NAMES)}")
     peers = Peers()
     if "numpy" in names:
         draw_and_shade = partial(peer_numpy.draw_and_shade, envmap.radiance)
@@ -70,7 +70,7 @@ def find(names: Sequence[str], envmap: EnvironmentMap, resolution: int = 511, pb
 
 
 def _method(name: str, kind: str, run: Timed, resolution: int, random: bool = True, areas: bool = True) -> Method:
-    """A method that remembers its last run's stages: they are its clock."""
+    """A method whose clock is the stages of its last run."""
     stages: dict[str, float] = {}
 
     def timed(count: int, seed: int) -> np.ndarray:
@@ -97,9 +97,9 @@ def _find_mitsuba(peers: Peers, envmap: EnvironmentMap, resolution: int) -> None
         peers.methods[name] = _method(name, "per pixel", mitsuba.render, resolution)
         peers.about[name] = {
             **mitsuba.about,
-            "time": "scene with the map's distribution, from the map in memory, and rendering; start-up (process,"
-            " import, first image with its compilation) apart; code of a new count or size, which Dr.Jit may"
-            " hold in its cache on disk, is compiled in the first run",
+            "time": "scene with the map's distribution, from the map in memory, and rendering, without start-up"
+            " (process, import, first image with its compilation). Code for a new count or size is compiled in"
+            " the first run, unless it is in Dr.Jit's cache on disk",
         }
 
 
@@ -112,12 +112,12 @@ def _find_pbrt(peers: Peers, envmap: EnvironmentMap, resolution: int, path: str 
     name = pbrt.program.name.lower().split()[0]
     if name in peers.methods:
         name = f"{name} {shown(pbrt.program.path)}"
-    # Another run of version 3 is the first once more.
+    # Version 3 has no seed: another run would repeat the first.
     peers.methods[name] = _method(name, "per pixel", pbrt.render, resolution, random=pbrt.program.is_random)
     peers.about[name] = {
         "program": str(pbrt.program.path),
         "name": pbrt.program.name,
         "start-up seconds": pbrt.startup_seconds,
-        "time": "process and reading of its image, less start-up (the process on an empty scene): scene, where PBRT"
-        " reads the map from a file and builds its distribution, and render, where it renders and writes the image",
+        "time": "process and reading of its image, minus start-up (the process on an empty scene): scene, in which PBRT"
+        " reads the map from a file and builds its distribution, and render, in which it renders and writes the image",
     }

@@ -1,8 +1,8 @@
-"""The written report, typeset with Typst from what the scripts left behind, and the archive of all images.
+"""The written report, typeset with Typst from the commands' results, and an archive of all images.
 
 :func:`write` draws the figures, gathers the numbers, fills ``report.typ`` with them, and packs the report with the
-images. The same inputs give the same bytes: no file says when it was made. Whether results belong together is
-for the caller to see to, see :mod:`lightdome.commands.settings`.
+images. The same inputs give the same bytes: no file records when it was made. The caller makes sure that the results
+belong together, see :mod:`lightdome.commands.settings`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ from ..errors import LightdomeError
 from ..files import replacing, write_json
 from ..lighting.exact import exact_kept
 from ..maps.envmap import EnvironmentMap
-from ..maps.images import auto_exposure, read_image, tone_map, write_image
+from ..maps.images import read_image, tone_map, write_image
+from ..maps.sphere import sphere_exposure
 from ..opencl.device import Device
 from ..progress import Progress
 from ..sampling.distribution import build_distribution
@@ -42,15 +43,15 @@ from .metrics import LEVELS, cheapest, left_after_averaging
 PDF, ARCHIVE, SUMS = "report.pdf", "lightdome-report.zip", "SHA256SUMS"
 TEMPLATE = ("report.typ", "report.bib")
 MISSING = "the report is typeset with Typst, which is not installed; pip install 'lightdome[report]'"
-AVERAGED = 16  # pixels: the side of the squares that the text speaks of
+AVERAGED = 16  # pixels; side of the squares that the text mentions
 
 
 @dataclass(frozen=True)
 class Results:
-    """Folders that the scripts wrote, of one map and one version, with their settings by the same names.
+    """Folders that the commands wrote, all for one map and one version, with their settings under the same names.
 
-    Names are ``part1`` to ``part4``, ``bench`` and ``stability``; the last two's settings are ``bench.json`` and
-    ``stability.json``.
+    The names are ``part1`` to ``part4``, ``bench`` and ``stability``; the settings of the last two are ``bench.json``
+    and ``stability.json``.
     """
 
     folders: Mapping[str, Path]
@@ -58,7 +59,7 @@ class Results:
 
 
 def require_typst() -> None:
-    """Raise :class:`LightdomeError` where the extra ``[report]`` is not installed."""
+    """Raise :class:`LightdomeError` if the extra ``[report]`` is not installed."""
     try:
         import typst  # noqa: F401
     except ImportError as error:
@@ -67,9 +68,9 @@ def require_typst() -> None:
 
 @dataclass(frozen=True)
 class Images:
-    """The sphere, (R, R, 3) radiance each: by its samples shared by all pixels, by its samples per pixel, and exact.
+    """The sphere's images, (R, R, 3) radiance each: with samples that all pixels share, with samples per pixel, exact.
 
-    ``exact_per_pixel`` is what the samples per pixel converge to: PBRT sees a map's pixels as areas.
+    ``exact_per_pixel`` is what samples per pixel converge to; PBRT treats a map's pixels as areas.
     """
 
     shared: Mapping[int, np.ndarray]
@@ -78,14 +79,14 @@ class Images:
     exact_per_pixel: np.ndarray
 
     def named(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        """The shared and the per-pixel images by the names that figures and tables give them."""
+        """The shared and the per-pixel images under their names in figures and tables."""
         return (
             {f"{n} shared": image for n, image in self.shared.items()},
             {f"{n} per pixel": image for n, image in self.per_pixel.items()},
         )
 
     def alike(self) -> tuple[tuple[str, np.ndarray], tuple[str, np.ndarray]]:
-        """The shared and the per-pixel image whose errors are most alike, with their names."""
+        """The shared and the per-pixel image with the most similar errors, and their names."""
         shared, per_pixel = self.named()
 
         def distance(pair: tuple[tuple[str, np.ndarray], tuple[str, np.ndarray]]) -> float:
@@ -97,7 +98,7 @@ class Images:
 
 
 def load_images(device: Device, envmap: EnvironmentMap, results: Results) -> Images:
-    """The images of parts 3 and 4, and the exact ones.
+    """The images of parts 3 and 4, and the exact images.
 
     Raises :class:`LightdomeError` if one cannot be read, or is black.
     """
@@ -105,7 +106,7 @@ def load_images(device: Device, envmap: EnvironmentMap, results: Results) -> Ima
     resolution = _options(results, "part3", "resolution")
     exact = exact_kept(device, envmap, resolution)
     if not exact.any():
-        raise LightdomeError("no light of this map falls on the side of the sphere that is seen; use another map")
+        raise LightdomeError("no light of this map falls on the visible side of the sphere; use another map")
     return Images(
         {n: read_image(results.folders["part3"] / f"sphere_{n}.pfm") for n in sorted(counts)},
         {n: read_image(results.folders["part4"] / f"sphere_{n}spp.pfm") for n in sorted(spp)},
@@ -126,14 +127,14 @@ def write(
     out: Path,
     _draw: Callable[[Device, EnvironmentMap, Results, Images, Path], None] | None = None,
 ) -> int:
-    """Write ``report.pdf``, the exact sphere's image and ``lightdome-report.zip`` into ``out``; the number of images.
+    """Write ``report.pdf``, the exact image and ``lightdome-report.zip`` into ``out``; returns the number of images.
 
-    Raises :class:`LightdomeError` if a file cannot be read or written, no light falls on the sphere, or Typst is
-    not there.
+    Raises :class:`LightdomeError` if a file cannot be read or written, if no light falls on the sphere, or if Typst is
+    not installed.
     """
     require_typst()
     images = load_images(device, envmap, results)
-    picture = tone_map(images.exact, auto_exposure(images.exact))
+    picture = tone_map(images.exact, sphere_exposure(envmap))
     packed = {
         f"{name}/{file}": results.folders[name] / file
         for name in ("part2", "part3", "part4")
@@ -158,17 +159,19 @@ def write(
 
 
 def draw(device: Device, envmap: EnvironmentMap, results: Results, images: Images, folder: Path) -> None:
-    """Write all figures into ``folder``, by the names that ``report.typ`` knows them by."""
+    """Write all figures into ``folder``, under the names that ``report.typ`` uses."""
     shared, per_pixel = images.named()
+    exposure = sphere_exposure(envmap)
     points = _points(results)
     figures: dict[str, Callable[[], Figure]] = {
         "cdfs": lambda: report_figures.cdfs(build_distribution(device, envmap)),
-        "shared": lambda: benchmark_plot.images(shared, images.exact, ""),
-        "per_pixel": lambda: benchmark_plot.images(per_pixel, images.exact_per_pixel, ""),
+        "shared": lambda: benchmark_plot.images(shared, images.exact, "", exposure=exposure),
+        "per_pixel": lambda: benchmark_plot.images(per_pixel, images.exact_per_pixel, "", exposure=exposure),
         "bias_and_noise": lambda: report_figures.bias_and_noise(*images.alike(), images.exact, images.exact_per_pixel),
         "averaging": lambda: report_figures.averaging(shared, per_pixel, images.exact, images.exact_per_pixel),
-        "error_time": lambda: report_figures.for_a_column(benchmark_plot.error_against_time(points, ""), 5.6),
-        "error_count": lambda: report_figures.for_a_column(benchmark_plot.error_against_count(points, ""), 3.8),
+        "error_time": lambda: benchmark_plot.error_against_time(points, ""),
+        "error_time_all": lambda: benchmark_plot.error_against_time_all(points, ""),
+        "error_count": lambda: benchmark_plot.error_against_count(points, ""),
     }
     with Progress("figures") as progress:
         for done, (stem, draw) in enumerate(figures.items()):
@@ -184,7 +187,7 @@ def draw(device: Device, envmap: EnvironmentMap, results: Results, images: Image
 
 
 def numbers(envmap: EnvironmentMap, map_name: str, results: Results, images: Images) -> dict[str, object]:
-    """All that ``report.typ`` writes: texts in the digits to show, rows of tables, JSON's types only."""
+    """All that ``report.typ`` prints, in JSON types only: numbers as text, rounded for display, and table rows."""
     version, made_of = (results.settings["part2"][key] for key in ("versions", "map"))
     points = _points(results)
     samples = [Samples.load(results.folders["part2"] / f"samples_{n}.npz") for n in images.shared]
@@ -227,23 +230,23 @@ def _points(results: Results) -> list[MethodMeasurement]:
 def _typeset(folder: Path) -> bytes:
     import typst
 
-    # No fonts of the system: the same report on every machine.
+    # No system fonts, so that the report is the same on every machine.
     return typst.compile(str(folder / TEMPLATE[0]), root=str(folder), ignore_system_fonts=True)
 
 
 def _pack(path: Path, files: Mapping[str, Path]) -> None:
-    """A zip of ``files`` by their names in it, and of their SHA-256 sums as ``sha256sum --check`` reads them."""
+    """A zip of ``files``, by their names in it, and of their SHA-256 sums for ``sha256sum --check``."""
     content = {name: files[name].read_bytes() for name in sorted(files)}
     sums = "".join(f"{hashlib.sha256(data).hexdigest()}  {name}\n" for name, data in content.items())
     with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         for name, data in {SUMS: sums.encode(), **content}.items():
-            entry = zipfile.ZipInfo(name)  # dated 1980, whenever it is made
+            entry = zipfile.ZipInfo(name)  # always dated 1980
             entry.create_system, entry.external_attr = 3, 0o100644 << 16
             archive.writestr(entry, data, zipfile.ZIP_DEFLATED)
 
 
 def _percent(value: float) -> str:
-    """A fraction as a percentage of three digits, never with an exponent."""
+    """A fraction as a percentage with three significant digits, never with an exponent."""
     if not np.isfinite(value):
         return "–"
     value *= 100
@@ -252,7 +255,7 @@ def _percent(value: float) -> str:
 
 
 def _errors(image: np.ndarray, exact: np.ndarray) -> list[str]:
-    """Relative RMSE, the largest error over the image's maximum, the mean error over the mean: percent."""
+    """In percent: relative RMSE, largest error / exact image's maximum, mean error / exact image's mean."""
     mask = disc_mask(len(exact))
     difference = image[mask].astype(np.float64) - exact[mask]
     largest, mean = np.abs(difference).max() / exact.max(), difference.mean() / exact[mask].mean(dtype=np.float64)
@@ -260,13 +263,13 @@ def _errors(image: np.ndarray, exact: np.ndarray) -> list[str]:
 
 
 def _averaged(image: np.ndarray, exact: np.ndarray) -> list[str]:
-    """The error before and after averaging, percent, and how many times it fell."""
+    """The error before and after averaging, in percent, and the ratio of the two."""
     before, after = (left_after_averaging(image, exact, side) for side in (1, AVERAGED))
     return [_percent(before), _percent(after), f"{before / after:.1f}" if after > 0 else "–"]
 
 
 def _range(envmap: EnvironmentMap) -> dict[str, str]:
-    """How stiff the map is."""
+    """How concentrated the map's light is."""
     luminance = envmap.radiance.mean(axis=2, dtype=np.float64)
     mean = luminance.mean()
     brightest = np.sort(luminance, axis=None)[::-1].cumsum()
@@ -275,7 +278,7 @@ def _range(envmap: EnvironmentMap) -> dict[str, str]:
 
 
 def _drawn(samples: Samples) -> list[str]:
-    """N, how many different pixels they are, and the pixel of the largest p: p, draws expected, draws."""
+    """N, how many different pixels were drawn, and for the likeliest of them: p, expected draws, draws."""
     pixels, times = np.unique(samples.pixel, axis=0, return_counts=True)
     likeliest = int(np.argmax(samples.probability))
     p = float(samples.probability[likeliest])
@@ -284,7 +287,7 @@ def _drawn(samples: Samples) -> list[str]:
 
 
 def _fresnel(folder: Path) -> dict[str, object]:
-    """What part 1 found, in the digits of a table."""
+    """The results of part 1, rounded for a table."""
     try:
         content = json.loads((folder / "fresnel.json").read_text(encoding="utf-8"))
     except OSError as error:
@@ -293,7 +296,7 @@ def _fresnel(folder: Path) -> dict[str, object]:
 
 
 def _seeds(points: list[MethodMeasurement]) -> list[list[str]]:
-    """The benchmark's plainest shared and per-pixel method: what one image is off, and what the mean of all is."""
+    """For the benchmark's plainest shared and per-pixel methods: the error of one image, and of the mean of all."""
     return [
         [p.method, str(p.count), str(p.seeds), _percent(p.rmse), _percent(p.rmse_spread), f"{100 * p.bias:+.3f}"]
         for p in points
@@ -302,7 +305,7 @@ def _seeds(points: list[MethodMeasurement]) -> list[list[str]]:
 
 
 def _cheapest(points: list[MethodMeasurement]) -> list[list[str]]:
-    """For each level of error the fastest method, its count, error and milliseconds; dashes where none was measured."""
+    """For each error level: the fastest method, its count, error and milliseconds, or dashes if there is none."""
     rows = []
     for level in LEVELS:
         best = cheapest(points, level)
@@ -323,7 +326,7 @@ def _bench(content: Mapping[str, Any]) -> dict[str, object]:
 
 
 def _stability(content: Mapping[str, Any]) -> dict[str, object]:
-    """lightdome's table and one for each peer; how many cases hold, fail and were skipped; which peers are absent."""
+    """A table for lightdome and for each peer; how many cases hold, fail and were skipped; the absent peers."""
     tables = {
         program: _table(program, [case for case in content["cases"] if case["program"] == program], content["columns"])
         for program in ("lightdome", *content["peers"])
@@ -340,7 +343,7 @@ def _stability(content: Mapping[str, Any]) -> dict[str, object]:
 
 
 def _table(program: str, cases: Sequence[Mapping[str, Any]], goals: Mapping[str, Any]) -> dict[str, object]:
-    """The columns that apply: name, goal, meaning; for each case its group, name, what went wrong, coloured cells."""
+    """The columns that apply (name, goal, meaning), and for each case its group, name, problem and coloured cells."""
     columns = {name: column for name, column in goals.items() if any(name in case["figures"] for case in cases)}
     rows = []
     for case in cases:
@@ -363,7 +366,7 @@ def _absent(content: Mapping[str, Any]) -> list[str]:
 def _agreeing(
     contents: Mapping[str, Mapping[str, Any]], describe: Callable[[Mapping[str, Any]], str]
 ) -> list[tuple[list[str], str]]:
-    """The names of results that ``describe`` says the same of, and what it says if it says anything."""
+    """Groups of results with the same text from ``describe``, and that text, if it is not empty."""
     groups: dict[str, list[str]] = {}
     for name, content in contents.items():
         groups.setdefault(describe(content), []).append(name)
@@ -371,14 +374,14 @@ def _agreeing(
 
 
 def _machine(content: Mapping[str, Any]) -> str:
-    """Where and with which versions a result was made."""
+    """The machine and the versions that made a result."""
     machine = content["machine"]
     versions = ", ".join(f"{what} {number}" for what, number in content["versions"].items())
     return f"{machine['processor']}; {machine['cores']} cores; {machine['system']}; {versions}"
 
 
 def _device(content: Mapping[str, Any]) -> str:
-    """The device that computed a result; some implementations' names have gaps in them."""
+    """The device that computed a result, without the runs of spaces in some implementations' names."""
     device = content["device"]
     return f"OpenCL on {device['name']}, {' '.join(device['implementation'].split())}" if device else "no OpenCL device"
 

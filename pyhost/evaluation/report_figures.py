@@ -144,11 +144,3 @@ def averaging(
     axes.grid(True, which="both", alpha=0.25)
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1))
     return figure
-
-
-def for_a_column(figure: Figure, height: float) -> Figure:
-    """A plot of the benchmark, ``height`` inches high, for the width of a text; its read-outs are a table there."""
-    figure.set_size_inches(7.6, height)
-    if legend := figure.axes[0].get_legend():
-        legend.set_title("")
-    return figure

@@ -1,16 +1,16 @@
 """Stages against the machine's own limits, measured in the same run.
 
-A machine moves so many bytes per second and multiplies and adds so many float32 per second, and both are measured
-here by small kernels of our own (``copy.cl``, ``multiply_add.cl``; ``launch.cl`` does nothing). A stage must
-move some bytes and needs some operations, so the machine cannot finish it before
+A machine can move a certain number of bytes per second, and can multiply and add a certain number of float32 values per
+second. Both are measured here by small kernels of our own (``copy.cl``, ``multiply_add.cl``; ``launch.cl`` does
+nothing). A stage must move some bytes and perform some operations, so the machine cannot finish it before
 
     max(bytes / bandwidth, operations / multiply-adds per second)
 
-and the share of that time in the stage's own is how near it comes to the roof of Williams, Waterman, Patterson,
-Roofline: An Insightful Visual Performance Model (2009). Bandwidth is that of a copy of as many bytes as the stage
-moves: small maps fit a cache, large ones do not. A stage that is little more than a copy has that copy beside each of
-its runs. See :mod:`lightdome.evaluation.roofline_stages` for what is counted, and
-:mod:`lightdome.evaluation.roofline_plot` for the pictures.
+The ratio of that time to the stage's own time tells how close it comes to the roof of Williams, Waterman, Patterson,
+Roofline: An Insightful Visual Performance Model (2009). The bandwidth is that of a copy of as many bytes as the stage
+moves, because small maps fit a cache and large ones do not. A stage that is little more than a copy is timed
+alternately with that copy. See :mod:`lightdome.evaluation.roofline_stages` for what is counted, and
+:mod:`lightdome.evaluation.roofline_plot` for the plots.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ from .roofline_stages import MADE, PAIR, Stage
 if TYPE_CHECKING:
     from ..opencl.device import Device
 
-COPY_BYTES = tuple(2**k for k in (21, 23, 25, 27, 29))  # read and written together: from a cache to main memory
-COPY_BLOCK = 2048  # vectors of 4 floats that a work-item of a CPU copies
+COPY_BYTES = tuple(2**k for k in (21, 23, 25, 27, 29))  # read and written together, from cache sizes to main memory
+COPY_BLOCK = 2048  # vectors of 4 floats that a CPU's work-item copies
 COPY_UNIT = 16 * COPY_BLOCK  # bytes
-CHAINS = 8  # vectors of 16 multiply-adds under way in a work-item of a CPU
+CHAINS = 8  # vectors of 16 multiply-adds in flight in a CPU's work-item
 ITEMS_PER_UNIT = 1024  # work-items of multiply_add.cl per compute unit
-STEPS = 2**14  # sums of the chains stay whole numbers in float32
+STEPS = 2**14  # the sums of the chains stay exact integers in float32
 LIMIT_REPEATS = 9
 LAUNCHES = 101
-PATIENCE = 5.0  # seconds of repeats of one stage: what takes longer is repeated less often
+PATIENCE = 5.0  # seconds for the repeats of one stage; slower stages are repeated less often
 TRANSFERS = ("upload", "download")
 AXES = ("map", "resolution", "N")
 
@@ -52,9 +52,9 @@ AXES = ("map", "resolution", "N")
 class Limits:
     """What the device can do at most.
 
-    - ``copies``: bytes per second, read and written, by the bytes that a copy touches
+    - ``copies``: bytes per second, read and written, by the number of bytes that a copy touches
     - ``multiply_adds``: float32 multiply-adds per second
-    - ``launch_seconds``: wall time of a kernel that does nothing, from the call until it is known to be done
+    - ``launch_seconds``: wall time of an empty kernel, from the call until it is known to be done
     """
 
     copies: dict[int, float]
@@ -62,11 +62,11 @@ class Limits:
     launch_seconds: float
 
     def bandwidth(self, size: float) -> float:
-        """Bytes per second of a copy that touches ``size`` bytes, between those measured."""
+        """Bytes per second of a copy that touches ``size`` bytes, interpolated between those measured."""
         return float(np.interp(np.log(max(size, 1.0)), np.log(list(self.copies)), list(self.copies.values())))
 
     def best(self, other: Limits) -> Limits:
-        """The better of each: other programs on the machine only make it look slower."""
+        """The better of each limit, since other programs on the machine can only slow it down."""
         return Limits(
             {size: max(rate, other.copies[size]) for size, rate in self.copies.items()},
             max(self.multiply_adds, other.multiply_adds),
@@ -76,12 +76,12 @@ class Limits:
 
 @dataclass(frozen=True)
 class Timing:
-    """A stage's device time: median of repeats after a warm-up, and half the distance of the quartiles.
+    """A stage's device time: median of several runs after a warm-up, and half the distance between the quartiles.
 
-    Kernels that write memory which is new each time, as large results are, also wait for the system to clear its pages.
-    ``peak_bytes`` is the host's memory that a run takes beyond what was there before; None where the system does
-    not tell. On a device that shares the host's memory, that is all of it. ``bandwidth`` is that of copies between the
-    repeats, bytes per second, for stages that have any.
+    Kernels that write freshly allocated memory, such as large results, also wait for the system to clear its pages.
+    ``peak_bytes`` is the host memory that a run takes in addition to what was in use before, which is all of its memory
+    on a device that shares the host's; None if the system does not report it. ``bandwidth`` is that of copies between
+    the repeats, in bytes per second, for stages that have any.
     """
 
     stage: Stage
@@ -94,7 +94,7 @@ class Timing:
 
 @dataclass(frozen=True)
 class StageMeasurement:
-    """One stage at one size, beside the limits."""
+    """One stage at one size, compared with the limits."""
 
     stage: str
     map: str
@@ -108,18 +108,18 @@ class StageMeasurement:
     peak_bytes: int | None
     bytes: float
     operations: float
-    counted: str  # "least", or "brute force" where operations are those of a kernel that skips nothing
+    counted: str  # "least", or "brute force" for the operations of a kernel that skips nothing
     bandwidth_share: float
     multiply_add_share: float
     bound: str
     bound_share: float
     rate: float
     unit: str
-    brute_force_ratio: float | None  # times as fast as multiply-adds let a brute-force kernel be
+    brute_force_ratio: float | None  # how many times faster than the multiply-add rate allows a brute-force kernel
 
     @property
     def map_pixels(self) -> int | None:
-        """Pixels of the map, None for a stage that sees none."""
+        """Pixels of the map, or None for a stage without a map."""
         return self.width * self.height if self.width and self.height else None
 
 
@@ -131,14 +131,14 @@ def measure_limits(device: Device, copy_bytes: Sequence[int] = COPY_BYTES) -> Li
 
 
 def copy(device: Device, size: int) -> tuple[np.ndarray, float]:
-    """Copy ``size`` bytes, a multiple of COPY_UNIT: what arrived, float32, and the median seconds."""
+    """Copy ``size`` bytes, a multiple of COPY_UNIT; returns the copy, float32, and the median seconds."""
     run, target = _copies(device, size)
     seconds = _warm_median(run)
     return memory.download(device, target), seconds
 
 
 def _copies(device: Device, size: int) -> tuple[Callable[[], float], DeviceArray]:
-    """What copies ``size`` bytes and returns the seconds, and where they go."""
+    """A function that copies ``size`` bytes and returns the seconds, and the array that it copies to."""
     block = 1 if device.is_gpu else COPY_BLOCK
     source, target = (memory.full(device, size // 4, value, np.float32) for value in (1.5, 0.0))  # touches all pages
     arrays = {"from": source, "to": target}
@@ -150,7 +150,7 @@ def _copies(device: Device, size: int) -> tuple[Callable[[], float], DeviceArray
 
 
 def multiply_add(device: Device, steps: int) -> tuple[np.ndarray, float]:
-    """Count to ``steps`` in many chains: sums of lanes, (items, 16) float32, and the median seconds."""
+    """Count to ``steps`` in many chains; returns the lanes' sums, (items, 16) float32, and the median seconds."""
     result = memory.empty(device, (device.handle.max_compute_units * ITEMS_PER_UNIT, 16), np.float32)
     arguments = {"factor": 1, "term": 1, "steps": steps, "result": result}
     chains = {"CHAINS": _chains(device)}
@@ -159,7 +159,7 @@ def multiply_add(device: Device, steps: int) -> tuple[np.ndarray, float]:
 
 
 def launch(device: Device) -> float:
-    """Wall seconds, the median, of a kernel that does nothing, from the call until it is known to be done."""
+    """Median wall seconds of an empty kernel, from the call until it is known to be done."""
     device.launch("limits/launch", (1,))  # builds it
     walls = []
     for _ in range(LAUNCHES):
@@ -181,14 +181,14 @@ def _warm_median(run: Callable[[], float]) -> float:
 
 
 def _seconds(device: Device, name: str, size: tuple[int, ...], defines: dict[str, int], **arguments: Any) -> float:
-    """Run one kernel: its seconds on the device, whose profile has nothing else then."""
+    """Run one kernel alone; returns its seconds on the device."""
     device.profile.clear()
     device.launch(name, size, stage="limit", defines=defines, **arguments)
     return device.profile.seconds()["limit"]
 
 
 def time_stage(device: Device, stage: Stage, repeats: int) -> Timing:
-    """Run ``stage`` once to warm up, then ``repeats`` times, less often where that takes too long."""
+    """Run ``stage`` once to warm up, then ``repeats`` times, or fewer if that would take too long."""
     stage.run()
     half = max(1, round(stage.work.bytes / 2 / COPY_UNIT)) * COPY_UNIT
     copy_beside = _copies(device, half)[0] if stage.beside_copy else None
@@ -204,7 +204,7 @@ def time_stage(device: Device, stage: Stage, repeats: int) -> Timing:
         of_stage = timed.keys() - TRANSFERS if stage.events is None else stage.events
         seconds.append(sum(timed[event] for event in of_stage))
     device.profile.clear()
-    before = _reset_peak()  # apart from the times: pages that are handed back have to be cleared again
+    before = _reset_peak()  # outside the timed runs: pages returned to the system have to be cleared again
     stage.run()
     peak = _memory("VmHWM") - before if before else None
     return Timing(
@@ -218,8 +218,8 @@ def time_stage(device: Device, stage: Stage, repeats: int) -> Timing:
 
 
 def _reset_peak() -> int:
-    """Forget the peak of this process's resident memory; its bytes now, 0 where the system does not tell."""
-    with contextlib.suppress(AttributeError):  # of glibc: what was freed would be taken again unseen
+    """Reset this process's peak resident memory; returns its current bytes, 0 if the system does not tell."""
+    with contextlib.suppress(AttributeError):  # only glibc has this; without it, reusing freed memory would not show
         ctypes.CDLL(None).malloc_trim(0)
     try:
         Path("/proc/self/clear_refs").write_text("5")
@@ -236,7 +236,7 @@ def _memory(name: str) -> int:
 
 
 def rated(timing: Timing, limits: Limits) -> StageMeasurement:
-    """``timing`` beside ``limits``."""
+    """``timing`` compared with ``limits``."""
     stage, work, seconds = timing.stage, timing.stage.work, timing.seconds
     bandwidth = work.bytes / (timing.bandwidth or limits.bandwidth(work.bytes)) / seconds
     arithmetic = work.operations / limits.multiply_adds / seconds
@@ -265,9 +265,9 @@ def rated(timing: Timing, limits: Limits) -> StageMeasurement:
 
 
 def lines(points: Sequence[StageMeasurement], axis: str) -> dict[str, list[StageMeasurement]]:
-    """Each stage's measurements along ``axis``, ``map``, ``resolution`` or ``N``, where all else is the same.
+    """Each stage's measurements along ``axis`` (``map``, ``resolution`` or ``N``), with everything else equal.
 
-    Along ``map`` these are those of maps that were made for it. Of several lines of a stage, the longest is taken.
+    Along ``map``, only maps made for the measurement count. If a stage has several lines, the longest is taken.
     """
     found: dict[tuple[str, tuple[object, ...]], list[StageMeasurement]] = {}
     for p in points:
@@ -288,7 +288,7 @@ def extent(point: StageMeasurement, axis: str) -> int | None:
 
 
 def exponents(points: Sequence[StageMeasurement]) -> dict[str, dict[str, float | None]]:
-    """The exponents of time by axis and stage."""
+    """The exponents b of time ~ size^b, by axis and stage."""
     return {
         axis: {
             name: exponent([extent(p, axis) or 0 for p in line], [p.seconds for p in line])
@@ -299,10 +299,10 @@ def exponents(points: Sequence[StageMeasurement]) -> dict[str, dict[str, float |
 
 
 def write_stage_csv(path: Path, points: Sequence[StageMeasurement]) -> None:
-    """A row for each measurement, a column for each figure; seconds, bytes, and amounts per second."""
+    """A row per measurement and a column per figure, in seconds, bytes, and amounts per second."""
     write_table(path, [f.name for f in fields(StageMeasurement)], map(astuple, points))
 
 
 def write_stage_json(path: Path, points: Sequence[StageMeasurement], settings: Mapping[str, object]) -> None:
-    """The settings and all measurements."""
+    """Write the settings and all measurements."""
     write_json(path, {**settings, "measurements": [asdict(p) for p in points]}, allow_nan=True)

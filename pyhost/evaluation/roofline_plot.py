@@ -19,6 +19,7 @@ from .metrics import exponent
 from .roofline import AXES, Limits, StageMeasurement, extent, lines
 
 SHAPES = [*MARKERS, "d", (4, 1, 0)]
+LEAST_PEAK = 1.0  # MiB: less is a matter of which pages the allocator had at hand
 AXIS_LABELS = {"map": "pixels of the map", "resolution": "pixels of the image", "N": "N, samples or lights"}
 
 
@@ -103,11 +104,14 @@ def scaling(points: Sequence[StageMeasurement], title: str) -> Figure:
             ticks |= {size: _tick(p, axis) for size, p in zip(sizes, line, strict=True)}
             times.plot(sizes, [1e3 * p.seconds for p in line], **styles[name])
             known = [(s, p.peak_bytes / 2**20) for s, p in zip(sizes, line, strict=True) if p.peak_bytes]
+            known = [(size, peak) for size, peak in known if peak >= LEAST_PEAK]
             memories.plot(*zip(*known, strict=True) if known else ((), ()), **styles[name])
             time = exponent(sizes, [p.seconds for p in line])
             memory = exponent(*zip(*known, strict=True)) if known else None
             label = f"{name}: {_power(time)}, {_power(memory)}"
             handles.append(Line2D([], [], **styles[name], label=label))
+        if not any(len(line.get_xdata()) for line in memories.lines):
+            memories.set_ylim(LEAST_PEAK, 1000 * LEAST_PEAK)  # a logarithmic axis needs something
         for axes in (times, memories):
             axes.set_xscale("log")
             axes.set_yscale("log")
@@ -116,7 +120,7 @@ def scaling(points: Sequence[StageMeasurement], title: str) -> Figure:
             axes.xaxis.set_minor_locator(NullLocator())
             axes.set_xlabel(AXIS_LABELS[axis])
         times.set_ylabel("device time, ms (median)")
-        memories.set_ylabel("peak memory beside the input, MiB")
+        memories.set_ylabel(f"peak memory beside the input, MiB (from {LEAST_PEAK:g})")
         legend.axis("off")
         legend.legend(handles=handles, fontsize=8, loc="upper center", ncols=2, title="exponents of time, memory")
     return figure
@@ -131,4 +135,4 @@ def _tick(point: StageMeasurement, axis: str) -> str:
 
 
 def _power(value: float | None) -> str:
-    return "–" if value is None else f"{value:.2f}"
+    return "–" if value is None else f"{round(value, 2) + 0.0:.2f}"  # never -0.00

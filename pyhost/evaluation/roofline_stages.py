@@ -1,13 +1,14 @@
-"""What every stage does, at the least: the bytes that it must move and the operations that it needs.
+"""The least work of each stage: the bytes that it must move and the operations that it needs.
 
-Bytes are compulsory: every input read once, every result written once, tables between two passes over a map
-written and read once. An operation is one lane of one vector instruction on 32-bit numbers, so a multiply-add is one
-and so is a maximum. They are counted from formulas, not from the kernels' code: what a kernel does beyond them
-lowers its share. Searches count nothing, since the number of steps depends on the map; what they wait for is latency.
+Bytes are compulsory traffic: every input is read once, every result is written once, and tables between two passes over
+a map are written and read once. An operation is one lane of one vector instruction on 32-bit numbers, so a multiply-add
+counts as one, and so does a maximum. Operations are counted from formulas, not from the kernels' code; whatever a
+kernel does beyond them lowers its share. Searches count nothing, since their number of steps depends on the map, and
+what they wait for is latency.
 
-A sphere lit by N lights is the exception. Nobody knows the least there, so it is counted as a brute-force kernel does
-it, with 7 operations for each pair of pixel and light: a multiplication, 2 multiply-adds and a maximum for the cosine,
-and 3 multiply-adds for R, G, B. A share above 1 then says how much of that was skipped.
+A sphere lit by N lights is the exception. The minimum there is unknown, so it counts as in a brute-force kernel, with 7
+operations for each pair of pixel and light: a multiplication, 2 multiply-adds and a maximum for the cosine, and 3
+multiply-adds for R, G, B. A share above 1 then tells how much of that was skipped.
 """
 
 from __future__ import annotations
@@ -34,21 +35,21 @@ from ..sampling.cdf import RowCDFs, build_row_cdfs
 from ..sampling.distribution import Distribution, build_distribution
 from ..sampling.draw import PIXEL_OUTPUTS, draw, room_for, sequence_points
 
-MADE = "made"  # the name of maps that were made to be measured
-PAIR = 7  # operations for a pair of pixel and light
-SPP = 16  # samples per pixel of the per-pixel estimators
+MADE = "made"  # the name of maps made for the measurement
+PAIR = 7  # operations per pair of pixel and light
+SPP = 16  # samples per pixel, for the per-pixel estimators
 ORDER = 10  # of spherical harmonics
 
-POINT = 40  # operations: Philox's 10 rounds of 4 products and 4 xors, for two points
-DIRECTION = 2  # sin theta cos phi and sin theta sin phi
+POINT = 40  # operations: half of Philox's 10 rounds of 4 products and 4 xors, which give two points
+DIRECTION = 2  # sin(theta) cos(phi) and sin(theta) sin(phi)
 
 
 @dataclass(frozen=True)
 class Work:
-    """The least that a stage can do, see above; ``amount`` and ``unit`` say what comes of it.
+    """The least work of a stage, see above; it produces ``amount`` of ``unit``.
 
-    ``pairs`` of pixel and light are those that a brute-force kernel would evaluate; a stage that ``skips`` has
-    their operations for its own.
+    ``pairs`` of pixel and light are those that a brute-force kernel would evaluate. A stage that ``skips`` some is
+    charged their operations nevertheless.
     """
 
     bytes: float
@@ -61,11 +62,12 @@ class Work:
 
 @dataclass(frozen=True)
 class Stage:
-    """One stage at one size: ``run`` does it, and ``events`` of the device's profile are its time.
+    """One stage at one size: ``run`` executes it, and ``events`` of the device's profile are its time.
 
-    None stands for all events but transfers. ``map_shape`` is (height, width), None where no map is read. ``N``
-    counts samples or lights, of per-pixel estimators samples per pixel; for harmonics it is the order. A stage that is
-    little more than a copy runs in turn with one, ``beside_copy``: a core that slept slows down both.
+    With None for ``events``, all events but transfers count. ``map_shape`` is (height, width), or None if no map is
+    read. ``N`` is the number of samples or lights, for per-pixel estimators the samples per pixel, for harmonics the
+    order. A stage that is little more than a copy alternates with one, ``beside_copy``, because a core that has slept
+    slows down both.
     """
 
     name: str
@@ -80,7 +82,7 @@ class Stage:
 
 
 def made_map(height: int) -> EnvironmentMap:
-    """Log-normal noise, (height, 2 height, 3), quickly: a block of it repeated, each row with a factor of its own."""
+    """Log-normal noise, (height, 2 height, 3), made quickly: a block is repeated, with a factor for each row."""
     rng = np.random.default_rng(1)
     block = np.exp(rng.normal(0, 2, (min(height, 512), min(2 * height, 1024), 3))).astype(np.float32)
     radiance = np.tile(block, (-(-height // 512), -(-height // 512), 1))[:height, : 2 * height]
@@ -89,7 +91,7 @@ def made_map(height: int) -> EnvironmentMap:
 
 
 class MapStages:
-    """The stages that read one map, called ``name`` in what is measured."""
+    """The stages that read one map, called ``name`` in the measurements."""
 
     def __init__(self, device: Device, envmap: EnvironmentMap, name: str) -> None:
         self.device = device
@@ -106,20 +108,20 @@ class MapStages:
         return Stage(name, run, work, map=self.name, map_shape=self.envmap.radiance.shape[:2], **fields)
 
     def tables(self) -> Iterator[Stage]:
-        """Row CDFs, the CDF over rows, guide tables, harmonics: what depends on the map alone."""
+        """What depends on the map alone: row CDFs, the CDF over rows, guide tables, harmonics."""
         height, pixels = self.envmap.height, self.pixels
         built: list[RowCDFs] = []
 
         def rows() -> None:
             built[:] = [build_row_cdfs(self.distribution.map, out=built[0] if built else None)]
 
-        # A weight, their sum, rounding, the prefix sum.
+        # Each pixel's weight, the sum of weights, rounding, the prefix sum.
         work = Work((12 + 4) * pixels, 7 * pixels, pixels, "pixels")
         yield self._stage("row cdf", rows, work, beside_copy=True)
         build = partial(build_distribution, self.device, self.envmap)
         work = Work((8 + 4 + 4) * height, 5 * height, height, "rows")
         yield self._stage("marginal cdf", build, work, events=("marginal cdf",))
-        # Every entry of the CDFs is read and compared once, an index for every bucket is written.
+        # Each entry of the CDFs is read and compared once, and an index per bucket is written.
         guide = self.distribution.cdf.guide
         work = Work(4 * pixels + guide.rows.dtype.itemsize * guide.rows.shape[1] * height, pixels, pixels, "pixels")
         yield self._stage("guide", lambda: replace(self.distribution.cdf).guide, work)
@@ -128,8 +130,8 @@ class MapStages:
         yield self._stage("harmonics project", partial(project, self.device, of_map, ORDER), work, N=ORDER)
 
     def sample(self, N: int) -> Iterator[Stage]:
-        """N directions drawn, with tables that are there; and N pixels, written over those of the run before."""
-        # Pixel, probability, direction and radiance are written; a pixel's CDF and radiance are read.
+        """Draw N directions, with existing tables; draw N pixels, overwriting those of the previous run."""
+        # Pixel, probability, direction and radiance are written; the pixel's CDF entry and radiance are read.
         work = Work(36 * N + 16 * min(N, self.pixels), (POINT + DIRECTION + 4) * N, N, "samples")
         yield self._stage("sample", lambda: self.distribution.sample(N), work, N=N)
         work = Work(12 * N + 8 * min(N, self.pixels), (POINT + 2) * N, N, "samples")
@@ -143,16 +145,16 @@ class MapStages:
 
     def median_cut(self, N: int) -> Stage:
         """N lights by median cut."""
-        # The map twice, before and after the cuts, and tables of 12 bytes a pixel between.
+        # The map twice, before and after the cuts, and tables of 12 bytes per pixel in between.
         work = Work((12 + 24 + 12) * self.pixels, 17 * self.pixels, self.pixels, "pixels")
         return self._stage("median cut", lambda: median_cut(self.distribution, N), work, N=N)
 
     def images(self, resolution: int) -> Iterator[Stage]:
-        """The exact image, and those of the per-pixel estimators."""
+        """The exact image, and the images of the per-pixel estimators."""
         mask = disc_mask(resolution)
         disc = int(mask.sum())
-        # The map's prefix sums of 9 numbers; and for each pixel and each row that its horizon cuts, a difference of
-        # two and a sum.
+        # Prefix sums of 9 numbers over the map; and for each pixel and each row that its horizon cuts, a difference of
+        # two entries and a sum.
         n_y = (2.0 * np.arange(resolution) + 1 - resolution) / resolution
         arcs = self.envmap.height * float(mask.sum(axis=1) @ (1 - 2 / np.pi * np.arcsin(np.abs(n_y))))
         pairs = float(disc) * self.pixels
@@ -173,7 +175,7 @@ class MapStages:
 
 
 def shading(device: Device, distribution: Distribution, N: int, resolution: int) -> Iterator[Stage]:
-    """The sphere lit by N samples: as it is done, and by evaluating every pair of pixel and light."""
+    """The sphere lit by N samples: as lightdome does it, and by evaluating every pair of pixel and light."""
     lights = Lights.of(distribution.sample(N))
     pairs = float(N) * int(disc_mask(resolution).sum())
     for brute_force in (False, True):
@@ -185,7 +187,7 @@ def shading(device: Device, distribution: Distribution, N: int, resolution: int)
 def harmonics(device: Device, resolution: int) -> Stage:
     """The sphere lit by spherical harmonics."""
     disc = int(disc_mask(resolution).sum())
-    # A Legendre function by its recurrence; R, G, B with the real and the imaginary part where A_l is not 0.
+    # A Legendre function by its recurrence; R, G, B with real and imaginary parts where A_l is not 0.
     terms = ((m, n) for m in range(ORDER + 1) for n in range(m, ORDER + 1))
     a_pixel = sum(2 + (3 if m == 0 else 6) * (n <= 1 or n % 2 == 0) for m, n in terms)
     work = Work(12 * resolution**2, a_pixel * disc, disc, "pixels")
@@ -203,10 +205,10 @@ def plan(
     counts: Sequence[int],
     N: int,
 ) -> Iterator[tuple[float, Stage]]:
-    """Stages with the fraction of the plan that lies before them, to be run in turn: maps live only meanwhile.
+    """Yield (fraction of the plan done, next stage), to be run in turn: maps live only as long as their stages.
 
-    One thing changes at a time: the map, 2 ``heights`` x ``heights`` pixels, the image's ``resolutions``, and
-    the ``counts`` of samples or lights; what does not change is ``envmap``, ``resolution`` and ``N``.
+    One thing changes at a time: the map, 2 ``heights`` x ``heights`` pixels; the image's ``resolutions``; or the
+    ``counts`` of samples or lights. The rest stays at ``envmap``, ``resolution`` and ``N``.
     """
     maps = 1 + len(heights)
     for index, height in enumerate((None, *heights)):

@@ -1,9 +1,8 @@
-"""How a sampler stands cases that break samplers: what is measured, and what is asked of it.
+"""How a sampler copes with cases that break samplers: what is measured, and the goals.
 
-Probabilities, sums, CDFs, draws and images of the device, in float32, are compared with the definitions in
-float64. :mod:`lightdome.evaluation.stability_cases` has the cases,
-:mod:`lightdome.evaluation.stability_plot` the picture,
-:mod:`lightdome.evaluation.peer_mitsuba_distribution` Mitsuba's answer to the same maps.
+The device's probabilities, sums, CDFs, draws and images, in float32, are compared with their definitions in float64.
+:mod:`lightdome.evaluation.stability_cases` has the cases, :mod:`lightdome.evaluation.stability_plot` the plot, and
+:mod:`lightdome.evaluation.peer_mitsuba_distribution` Mitsuba's results on the same maps.
 """
 
 from __future__ import annotations
@@ -34,50 +33,50 @@ from ..sampling.distribution import Distribution, build_distribution
 from ..sampling.draw import drawn, given_points
 from ..sampling.samples import Samples
 
-NORMAL = 2.0**-126  # float32's smallest normal number: below it digits go
-QUANTUM = 2.0**-149  # and its smallest number
+NORMAL = 2.0**-126  # float32's smallest normal number, below which digits are lost
+QUANTUM = 2.0**-149  # float32's smallest positive number
 BLOCK = 2**20  # pixels, or samples, at a time
-SHADED = 256  # samples of the shaded image
+SHADED = 256  # samples in the shaded image
 
 
 @dataclass(frozen=True)
 class Column:
-    """A figure of the table: it holds where it is at most ``goal``."""
+    """A figure of the table; it holds if it is at most ``goal``."""
 
     goal: float
     meaning: str
 
 
 COLUMNS = {
-    "p": Column(2e-6, "largest relative error of p(x, y), of all pixels where p >= 2^-126"),
+    "p": Column(2e-6, "largest relative error of p(x, y), over all pixels with p >= 2^-126"),
     "tiny": Column(1, "largest error of the smaller p, in units of 2^-149, float32's smallest number"),
     "sum": Column(1e-6, "|sum of p - 1|"),
-    "zero": Column(0, "draws of pixels of weight zero"),
+    "zero": Column(0, "pixels of weight zero that were drawn"),
     "cdf": Column(0, "steps of a CDF that go down, or up at a pixel of weight zero"),
-    "drawn": Column(1, "total variation between what the CDFs draw and p, over its bound (W + H) 2^-31 + 5e-7"),
+    "drawn": Column(1, "total variation between the CDFs' probabilities and p, over its bound (W + H) 2^-31 + 5e-7"),
     "chi2": Column(5, "|chi-square of the draws against p|, in standard deviations"),
     "flux": Column(1e-6, "relative error of the total flux"),
-    "image": Column(1e-5, "largest error of the shaded image, above 2^-149, over its maximum, front and back"),
-    "wrong": Column(0, "results that have an exact value and miss it"),
+    "image": Column(1e-5, "largest error of the shaded image beyond 2^-149, over its maximum, front and back"),
+    "wrong": Column(0, "results that differ from their exact value"),
     "fresnel": Column(3e-15, "relative error of R, for an angle within two units in its last place"),
     "nonfinite": Column(0, "values that are NaN or infinite"),
 }
-# Not judged: what cannot be had in float32, or in 32 bits of a CDF, and how much it is.
+# Not judged: what float32, or 32 bits of a CDF, cannot represent, and how much of it there is.
 LIMITS = {
     "subnormal": "lit pixels with p < 2^-126",
     "undrawn": "lit pixels below the CDFs' steps, never drawn",
-    "undrawn_flux": "their part of the flux",
+    "undrawn_flux": "their share of the flux",
 }
 
-Figures = dict[str, float]  # by the names in COLUMNS and LIMITS
+Figures = dict[str, float]  # by names from COLUMNS and LIMITS
 
 
 @dataclass(frozen=True)
 class Case:
-    """``check(device, draws)`` yields the figures of the parts of a case; the worst of each counts.
+    """``check(device, draws)`` yields the figures of the parts of a case, of which the worst count.
 
-    ``maps`` is there where the parts are maps that any sampler can be asked about. A ``large`` case takes many
-    seconds, and gigabytes. ``needs`` is the size in bytes of the largest array on the device.
+    If the parts are maps, ``maps`` lets any sampler be tested on them. A ``large`` case takes many seconds, and
+    gigabytes. ``needs`` is the size in bytes of the largest array on the device.
     """
 
     name: str
@@ -106,19 +105,19 @@ class Result:
 
     @property
     def verdict(self) -> str:
-        """``holds``, ``FAILS``, ``skipped``; of a peer, which is not judged, ``measured``."""
+        """``holds``, ``FAILS`` or ``skipped``; for a peer, which is not judged, ``measured``."""
         if self.skipped:
             return "skipped"
         return "measured" if not self.judged else "FAILS" if self.failures else "holds"
 
     @property
     def remark(self) -> str:
-        """What misses a goal; where none can hold, why, and what holds instead."""
+        """Which goals are missed; and where a goal cannot hold, why, and what holds instead."""
         remarks = [self.skipped] if self.skipped else []
         if self.failures:
             remarks.append("off: " + ", ".join(f"{name} {self.figures[name]:.2g}" for name in self.failures))
         if self.figures.get("subnormal") and "tiny" not in self.failures:
-            remarks.append(f"up to {self.figures['subnormal']:.0f} pixels with p < 2^-126 are exact to 2^-149 instead")
+            remarks.append(f"up to {self.figures['subnormal']:.0f} pixels with p < 2^-126 are exact only to 2^-149")
         if self.figures.get("undrawn"):
             remarks.append(
                 f"up to {self.figures['undrawn']:.0f} lit pixels, {self.figures['undrawn_flux']:.1g} of the flux,"
@@ -128,7 +127,7 @@ class Result:
 
 
 class Sampler(Protocol):
-    """What is measured on a map: lightdome or another program."""
+    """A sampler to measure on a map: lightdome's or another program's."""
 
     flux: float
 
@@ -136,20 +135,20 @@ class Sampler(Protocol):
         """p(x, y) of whole rows, (n, W)."""
 
     def draw(self, count: int, seed: int) -> Samples:
-        """``count`` samples; another ``seed``, others."""
+        """``count`` samples, which depend on ``seed``."""
 
     def image(self, samples: Samples, resolution: int) -> np.ndarray:
-        """The sphere in the light of the samples."""
+        """The sphere lit by the samples."""
 
 
 class Lightdome:
-    """The device's answers. ``probability`` has the sampling kernel visit all pixels, also those never drawn."""
+    """The device's sampler. For ``probability``, the sampling kernel visits all pixels, even those never drawn."""
 
     def __init__(self, distribution: Distribution) -> None:
         self.distribution = distribution
         self.flux = distribution.flux
         device, height, width = distribution.device, distribution.envmap.height, distribution.envmap.width
-        # CDFs of equal steps: the point ((x + 1/2) / W, (y + 1/2) / H) picks the pixel (x, y).
+        # CDFs of equal steps, so that the point ((x + 1/2) / W, (y + 1/2) / H) picks the pixel (x, y).
         steps = [np.arange(1, n + 1, dtype=np.uint32) for n in (width, height)]
         rows = memory.upload(device, np.tile(steps[0], (height, 1)))
         self._even = MapCDF(device, rows, memory.upload(device, steps[1]), distribution.total)
@@ -169,15 +168,15 @@ class Lightdome:
 
 
 class Truth:
-    """A map's p and flux by their definitions, in float64, a block of rows at a time so that large maps fit.
+    """A map's p and flux by definition, in float64, a block of rows at a time so that large maps fit in memory.
 
-    Rows are summed pairwise, and their sums without error (``math.fsum``): 1e-14 is left.
+    Each row is summed pairwise, and the rows' sums without error (``math.fsum``), which leaves an error of 1e-14.
     """
 
     def __init__(self, radiance: np.ndarray) -> None:
         self.radiance = radiance
         self.height, self.width = radiance.shape[:2]
-        self.resolution = 33 if self.height * self.width <= 2**14 else 9  # of images, which are slow in float64
+        self.resolution = 33 if self.height * self.width <= 2**14 else 9  # of images, small because float64 is slow
         self.sine = np.sin(np.pi / self.height * (np.arange(self.height) + 0.5))
         edge = np.cos(np.pi / self.height * np.arange(self.height + 1))
         self.solid_angle = (edge[:-1] - edge[1:]) * 2 * np.pi / self.width
@@ -200,7 +199,7 @@ class Truth:
         return self.radiance[y, x].sum(axis=1, dtype=np.float64) * (self.sine[y] / self.total)
 
     def image(self, samples: Samples, normals: np.ndarray) -> np.ndarray:
-        """What the samples' pixels contribute to ``normals`` (M, 3) at their true densities, (M, 3)."""
+        """Radiance (M, 3) at ``normals`` (M, 3) from the samples' pixels, with their true densities."""
         x, y = samples.pixel.T
         theta, phi = np.pi / self.height * (y + 0.5), 2 * np.pi / self.width * (x + 0.5)
         density = self.probability_of(samples) / self.solid_angle[y]
@@ -208,8 +207,10 @@ class Truth:
 
 
 def measure_sampler(sampler: Sampler, truth: Truth, draws: int) -> Figures:
-    """The figures of ``sampler`` that any sampler has: ``p``, ``tiny``, ``sum``, ``zero``, ``chi2``, ``flux``,
-    ``image`` of a few of its samples, ``nonfinite``."""
+    """The figures that apply to any sampler.
+
+    They are ``p``, ``tiny``, ``sum``, ``zero``, ``chi2``, ``flux``, ``nonfinite``, and ``image`` for a few samples.
+    """
     height, width = truth.height, truth.width
     pixels_a_bin = -(-height * width // BLOCK)
     bins = -(-height * width // pixels_a_bin)
@@ -266,7 +267,7 @@ def measure_map(device: Device, radiance: np.ndarray, draws: int) -> Figures:
 
 
 def cdf_figures(distribution: Distribution, truth: Truth) -> Figures:
-    """``cdf``, ``drawn`` and what is never drawn: what the CDFs make of the map, all points taken together."""
+    """``cdf``, ``drawn`` and what is never drawn: properties of the CDFs, over all possible points."""
     device = distribution.device
     rows_cdf = memory.download(device, distribution.cdf.rows)
     marginal = memory.download(device, distribution.cdf.marginal).astype(np.int64)
@@ -288,11 +289,11 @@ def cdf_figures(distribution: Distribution, truth: Truth) -> Figures:
 
 
 def image_figures(image: np.ndarray, expected: Callable[[np.ndarray], np.ndarray]) -> Figures:
-    """``image``, ``wrong`` (pixels outside the disc that are not 0) and ``nonfinite`` of an image (R, R, 3).
+    """``image``, ``wrong`` (pixels outside the disc that are not 0) and ``nonfinite`` for an image (R, R, 3).
 
-    ``expected(normals)`` is the truth, (M, 3). Errors are relative to its maximum over the whole sphere, the side
-    that the camera does not see included, lest light from behind be compared with a sliver at the rim; what
-    exceeds float32's largest number has to be that number.
+    ``expected(normals)`` is the truth, (M, 3). Errors are relative to its maximum over the whole sphere, including the
+    side that the camera does not see; otherwise, light from behind would be compared with a sliver at the rim. Where
+    the truth exceeds float32's largest number, the image must have that number.
     """
     mask = disc_mask(len(image))
     normals = reference.normals(len(image))[mask]
@@ -307,9 +308,9 @@ def image_figures(image: np.ndarray, expected: Callable[[np.ndarray], np.ndarray
 
 
 def chi_square_z(counts: np.ndarray, p: np.ndarray) -> float | None:
-    """How many standard deviations chi-square is off (Wilson and Hilferty 1931); None with one bin only.
+    """How many standard deviations chi-square is off (Wilson and Hilferty 1931); None if there is only one bin.
 
-    Rare bins are pooled until each pool expects 10; infinite if anything impossible was counted.
+    Rare bins are pooled until each pool expects 10. Infinite if anything impossible was counted.
     """
     n = counts.sum()
     order = np.argsort(p, axis=None)
@@ -328,25 +329,25 @@ def chi_square_z(counts: np.ndarray, p: np.ndarray) -> float | None:
 
 
 def _worst(figures: Figures, more: Figures) -> None:
-    """Keep the larger of each figure; a NaN is larger than anything."""
+    """Keep the larger of each figure; NaN counts as largest."""
     for name, value in more.items():
         figures[name] = float(np.maximum(figures.get(name, 0.0), value))
 
 
 def _add(figures: Figures, more: Figures) -> None:
-    """The same, but numbers of NaN and infinite values add up."""
+    """As :func:`_worst`, except that counts of NaN and infinite values add up."""
     nonfinite = figures.get("nonfinite", 0.0) + more.get("nonfinite", 0.0)
     _worst(figures, more)
     figures["nonfinite"] = nonfinite
 
 
 def run(case: Case, device: Device, draws: int) -> Result:
-    """lightdome's figures on ``case``, with ``draws`` samples shared out among its parts."""
-    # The host keeps the map, two CDFs, and where it is the device too, all of the device's.
+    """lightdome's figures on ``case``, with ``draws`` samples divided among its parts."""
+    # The host holds the map, two CDFs, and if it is also the device, all of the device's arrays.
     for where, room in (("device", device.handle.max_mem_alloc_size), ("host", _host_memory() / 3)):
         if case.needs > room:
             reason = (
-                f"needs arrays of {case.needs / 2**30:.2g} GiB, and the {where} has room for {room / 2**30:.2g} GiB"
+                f"needs arrays of {case.needs / 2**30:.2g} GiB, but the {where} has room for {room / 2**30:.2g} GiB"
             )
             return Result("lightdome", case.group, case.name, skipped=reason)
     figures: Figures = {}
@@ -356,12 +357,12 @@ def run(case: Case, device: Device, draws: int) -> Result:
 
 
 def _host_memory() -> float:
-    """Bytes of memory, as far as the system says."""
+    """Bytes of memory, if the system tells."""
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else math.inf
 
 
 def run_peer(case: Case, name: str, sampler: Callable[[np.ndarray], Sampler], draws: int) -> Result:
-    """A peer's figures on a case that has maps; what it fails at is said, not judged."""
+    """A peer's figures on a case that has maps; its failures are reported, not judged."""
     figures: Figures = {}
     parts = case.maps() if case.maps else []
     try:
@@ -369,12 +370,12 @@ def run_peer(case: Case, name: str, sampler: Callable[[np.ndarray], Sampler], dr
             _worst(figures, measure_sampler(sampler(radiance), Truth(radiance), -(-draws // len(parts))))
     except LightdomeError as error:
         return Result(name, case.group, case.name, skipped=str(error), judged=False)
-    figures.pop("wrong", None)  # the pixels outside the disc are not the peer's doing
+    figures.pop("wrong", None)  # pixels outside the disc do not come from the peer
     return Result(name, case.group, case.name, figures, judged=False)
 
 
 def write_stability_csv(path: Path, results: Sequence[Result]) -> None:
-    """A row for each program and case; blank where a figure does not apply."""
+    """A row per program and case; blank where a figure does not apply."""
     names = [*COLUMNS, *LIMITS]
     rows = (
         [r.program, r.group, r.case, r.verdict, *(r.figures.get(name) for name in names), r.remark] for r in results
@@ -383,7 +384,7 @@ def write_stability_csv(path: Path, results: Sequence[Result]) -> None:
 
 
 def write_stability_json(path: Path, results: Sequence[Result], settings: Mapping[str, object]) -> None:
-    """The settings, the columns with their goals, and all results; a number that is none is a text."""
+    """The settings, the columns with their goals, and all results; NaN and infinity become text."""
     columns = {name: asdict(column) for name, column in COLUMNS.items()}
     cases = [
         {
@@ -400,7 +401,7 @@ def write_stability_json(path: Path, results: Sequence[Result], settings: Mappin
 
 
 def text(value: float | None) -> str:
-    """A figure in a few characters: ``2e-7``, ``0.02``, ``1.7``, ``NaN``; blank where there is none."""
+    """A figure in a few characters: ``2e-7``, ``0.02``, ``1.7``, ``NaN``; blank for None."""
     if value is None:
         return ""
     if not math.isfinite(value):

@@ -1,4 +1,4 @@
-"""The cases of the stability table, a line each: maps, random numbers, images and reflectances at their extremes."""
+"""The cases of the stability table, one per line: maps, random numbers, images, reflectances at their extremes."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def log_normals(sigmas: Sequence[float]) -> list[Map]:
 
 
 def lit_at(places: Sequence[tuple[Any, Any]], light: object = 1.0, ground: float = 0.0) -> list[Map]:
-    """A map for each place: pixel, or slices of rows and columns, with ``light`` on an even ground."""
+    """A map per place, which is a pixel or slices of rows and columns: ``light`` there, on a uniform ``ground``."""
     maps = [even(value=ground) for _ in places]
     for radiance, (y, x) in zip(maps, places, strict=True):
         radiance[y, x] = light
@@ -120,11 +120,11 @@ def primaries() -> list[Map]:
     return [np.eye(3, dtype=np.float32)[choice] * log_normal(2), np.eye(3, dtype=np.float32)[choice] * 1e20]
 
 
-# ---- checks that are no maps ----
+# ---- checks other than maps ----
 
 
 def ends(maps: Maps, device: Device, _: int) -> Iterator[Figures]:
-    """Points at 0, below 1, and at every edge of every CDF and the two next to it, against integer arithmetic."""
+    """Points at 0, just below 1, and at and next to each step of each CDF, against integer arithmetic."""
     for radiance in maps():
         distribution = build_distribution(device, EnvironmentMap(radiance))
         cdf = memory.download(device, distribution.cdf.rows)
@@ -161,7 +161,7 @@ def _telling(cdf: np.ndarray) -> np.ndarray:
 
 
 def black(device: Device, _: int) -> Iterator[Figures]:
-    """Sampling says that there is no light, every image is black."""
+    """Sampling reports that there is no light, and every image is black."""
     envmap = EnvironmentMap(even(value=0))
     distribution = build_distribution(device, envmap)
     images = [exact(device, envmap, R), *(next(render(distribution, [1], R, estimator=e))[1] for e in ESTIMATORS)]
@@ -169,7 +169,7 @@ def black(device: Device, _: int) -> Iterator[Figures]:
 
 
 def impossible(device: Device, _: int) -> Iterator[Figures]:
-    """Luminance 0 with a colour needs a negative channel: refused, as NaN and infinity are."""
+    """Luminance 0 with a colour needs a negative channel, which is refused like NaN and infinity."""
     for bad in ((1, -1, 0), (np.nan, 0, 0), (0, np.inf, 0)):
         yield {"wrong": _not_refused(EnvironmentMap, lit_at(PLACES[:1], bad, 1.0)[0])}
 
@@ -205,7 +205,7 @@ def large_image(device: Device, _: int) -> Iterator[Figures]:
 
 
 def lights(direction: object, resolution: int = R) -> Callable[[Device, int], Iterator[Figures]]:
-    """The sphere under given directions, against the cosine; no pixel may be below 0."""
+    """The sphere under given directions, compared with the cosine; no pixel may be below 0."""
     w = np.atleast_2d(np.asarray(direction, np.float64))
     w = w.astype(np.float32).astype(np.float64)
     flux = np.pi * np.linspace(1, 2, 3 * len(w)).reshape(-1, 3)
@@ -239,7 +239,7 @@ def one_sample(device: Device, _: int) -> Iterator[Figures]:
 
 
 def furnace(device: Device, _: int) -> Iterator[Figures]:
-    """Even light: `bsdf` and the exact image of areas give the map's colour, that of centres but for (pi / H)^2 / 8."""
+    """Uniform light: `bsdf` and exact areas give the map's colour, exact centres do so up to (pi / H)^2 / 8."""
     colour = np.array([0.2, 0.5, 0.9], np.float32)
     for height in (64, 256):
         radiance = even(height, 2 * height) * colour
@@ -254,7 +254,7 @@ def furnace(device: Device, _: int) -> Iterator[Figures]:
 
 
 def areas(device: Device, _: int) -> Iterator[Figures]:
-    """The map's pixels as areas, where centres are far off or the light is stiff, against quadrature."""
+    """The map's pixels as areas, where centres are far off or light is concentrated, against quadrature."""
     lamps = np.eye(128, dtype=np.float32)[::18].reshape(-1, 8, 16, 1).repeat(3, axis=3)
     sun = np.full((16, 32, 3), 1e-12, np.float32)
     sun[5, 23] = 1
@@ -281,7 +281,7 @@ def estimators(maps: Maps, device: Device, _: int) -> Iterator[Figures]:
 
 
 def one_sun(device: Device, _: int) -> Iterator[Figures]:
-    """One sun outshines all: then a sample of `light` or `product` is the image, and so is a light of median cut."""
+    """One sun outshines all else: one sample of `light` or `product` gives the image, as does a median-cut light."""
     for radiance in lit_at([(20, 40), (40, 90), (32, 100)], 1e20, 1.0):
         distribution = build_distribution(device, EnvironmentMap(radiance))
         cut = median_cut(distribution, 1)
@@ -295,7 +295,7 @@ RIGHT_ANGLE = np.pi / 2
 
 
 def angles_near(n_i: float, n_t: float) -> np.ndarray:
-    """Angles all over, and ever closer, 1e-12 and less, to 0, 90 degrees, Brewster's and the critical angle."""
+    """Angles everywhere, and ever closer (1e-12 and less) to 0, 90 degrees, Brewster's and the critical angle."""
     close = np.r_[0, 10.0 ** np.arange(-16, -2)]
     special = [a for a in (brewster_angle(n_i, n_t), critical_angle(n_i, n_t)) if a is not None]
     near = [close, RIGHT_ANGLE - close, *(a * (1 + sign * close) for a in special for sign in (-1, 1))]
@@ -304,7 +304,7 @@ def angles_near(n_i: float, n_t: float) -> np.ndarray:
 
 
 def reflectance(*etas: float) -> Callable[[Device, int], Iterator[Figures]]:
-    """R_p and R_s entering and leaving media of ``etas``, against the textbook in 60 digits; R in [0, 1]."""
+    """R_p and R_s entering and leaving media of ``etas``, against the textbook formulas in 60 digits; R in [0, 1]."""
 
     def check(_: Device, __: int) -> Iterator[Figures]:
         for n_i, n_t in [pair for eta in etas for pair in ((1.0, eta), (eta, 1.0))]:
@@ -319,8 +319,8 @@ def reflectance(*etas: float) -> Callable[[Device, int], Iterator[Figures]]:
                 ]
                 low, high = np.min(around, axis=0), np.max(around, axis=0)
                 if abs(angle - (brewster_angle(n_i, n_t) or np.inf)) <= 2 * slack:
-                    low[0] = 0.0  # the zero of R_p lies between
-                # Zeros, at Brewster's angle and of equal indices, are absolute: 60 digits cancel to less.
+                    low[0] = 0.0  # the zero of R_p lies in between
+                # Near zeros (Brewster's angle, equal indices) errors are absolute: cancellation eats the 60 digits.
                 off = np.maximum(low - computed, computed - high) / np.maximum(high, 1e-40)
                 error = max(error, float(off.max()))
             at_90 = fresnel(RIGHT_ANGLE, n_i, n_t)

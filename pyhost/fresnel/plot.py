@@ -218,14 +218,16 @@ def schlick_figure(n_i: float, n_t: float, from_name: str = "side i", to_name: s
 
         # Above the curves, or one above and one below.
         high, low = highest + margin / 2, lowest - margin / 2
-        text = f"largest absolute error {_g(worst.absolute, 4)} at {_degrees(worst.theta, 4)}"
+        # Where both are drawn, each says which of them it is the largest error of.
+        which = "largest absolute error" if critical is None else "incident angle: at most"
+        text = f"{which} {_g(worst.absolute, 4)} at {_degrees(worst.theta, 4)}"
         at = (np.degrees(worst.theta), worst.schlick - worst.exact)
         _label_beside(below, text, at, high if critical is None else low)
         if critical is not None:
             # The same rays the other way: same reflectance, same angle in Schlick's formula, same error.
             other = schlick_error(n_t, n_i)
             angle = float(refraction_angle(other.theta, n_t, n_i))
-            text = f"with transmitted angle {_g(other.absolute, 4)} at {_degrees(angle, 4)}"
+            text = f"transmitted angle: at most {_g(other.absolute, 4)} at {_degrees(angle, 4)}"
             _label_beside(below, text, (np.degrees(angle), other.schlick - other.exact), high)
         for ax in (above, below):
             _shade_total_reflection(ax, critical)

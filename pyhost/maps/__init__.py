@@ -1,4 +1,4 @@
-"""An environment map on the host: image files, the map, its pixels' geometry and projection, and what is in it."""
+"""Environment maps on the host: image files, maps, the geometry and projection of their pixels, and their content."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 else:
 
     def __getattr__(name: str) -> object:
-        # When first used: the geometry alone needs no image library.
+        # Loaded on first use: the geometry alone needs no image library.
         home = {"analyse": "analysis", "split_sun": "analysis", "convert": "conversion"}.get(name)
         if home:
             return getattr(import_module(f".{home}", __name__), name)

@@ -1,10 +1,10 @@
 """What is in a map: range, clipping, where its light comes from, its sun, and how many samples it needs.
 
-A file is read twice, in bands of rows, so that it may be larger than the memory. All sums are in float64 and take a
-pixel as the direction of its centre, with its exact solid angle. Luminance is I = (R + G + B) / 3, rounded to float32,
-whose order is that of its bits: two counts of 2^16 bins each, the second within a bin of the first, give exact
-percentiles. NaN and negative values are counted, and are 0 in all else. So are infinite ones, but in a file of half
-floats, where they are 65504: there they are most often a sun.
+A file is read twice, in bands of rows, so it may be larger than memory. All sums are in float64; each pixel counts as
+the direction of its centre, with its exact solid angle. Luminance is I = (R + G + B) / 3, rounded to float32. Floats
+that are not negative sort in the order of their bits, so two histograms of 2^16 bins, the second within one bin of the
+first, give exact percentiles. NaN and negative values are counted, and otherwise taken as 0. So are infinite values,
+except that in a file of half floats they are taken as 65504: there, they are most often a sun.
 """
 
 from __future__ import annotations
@@ -41,34 +41,34 @@ from .sun import (
 )
 
 BLOCK_PIXELS = 2**18
-FINE = 4096  # rows: a sun spans a dozen pixels in finer maps
+FINE = 4096  # rows; in a finer map, a sun spans a dozen pixels
 SIDES = ("up", "down", "plus_x", "minus_x", "plus_z", "minus_z")
 TOPS = (1, 10, 100)
 PERCENTILES = (0.5, 0.99, 0.999)
-DARKEST = 0.01  # of the lit solid angle, which the range leaves out
-DISC = 24  # pixels across the sphere over whose normals an error is averaged
-# Where formats and programs cut values off.
+DARKEST = 0.01  # share of the lit solid angle that the range ignores
+DISC = 24  # pixels across the sphere; errors are averaged over their normals
+# Values at which formats and programs clip.
 LIMITS = {
-    1.0: "the white of pictures for the eye",
-    255 / 256: "the white of pictures for the eye in RGBE",
-    255.0: "the white of 8-bit pictures",
-    65535.0: "the white of 16-bit pictures",
+    1.0: "white in display images",
+    255 / 256: "white in display images stored as RGBE",
+    255.0: "white in 8-bit images",
+    65535.0: "white in 16-bit images",
     LARGEST_HALF: "the largest half float",
     LARGEST: "the largest float",
 }
-# A top is flat if so much of the solid angle with NEARLY its value has just its value; of a smooth one, few steps of
-# RGBE's 1/256 do.
+# A channel's top is flat if FLAT of the solid angle within NEARLY of the largest value has exactly that value. Of a
+# smooth top, even in RGBE's steps of 1/256, only a small share has it.
 NEARLY, FLAT = 0.75, 0.2
 
 
 @dataclass(frozen=True)
 class Clipping:
-    """Whether light was cut off at the top.
+    """Whether the brightest light was cut off.
 
     - ``verdict``: ``"clipped"`` or ``"not clipped"``; ``reason``: why
-    - ``maximum_rgb``: the largest finite value of each channel, and ``pixels_at_maximum_rgb``: how many have it
-    - ``touching_pairs_rgb``: pairs of those pixels that are neighbours in a row or a column
-    - ``pixels_at_65504``, ``pixels_at_1``: with exactly that value in any channel
+    - ``maximum_rgb``: the largest finite value of each channel; ``pixels_at_maximum_rgb``: how many pixels have it
+    - ``touching_pairs_rgb``: how many pairs of those pixels are neighbours in a row or a column
+    - ``pixels_at_65504``, ``pixels_at_1``: pixels with exactly that value in any channel
     """
 
     verdict: str
@@ -82,22 +82,24 @@ class Clipping:
 
 @dataclass(frozen=True)
 class Analysis:
-    """What :func:`analyse` found. Radiance and luminance are in the map's own unit, ``_sr`` is that x steradian.
+    """What :func:`analyse` found. Radiance and luminance are in the map's own unit; ``_sr``: that unit x steradian.
 
-    - ``format``: of the file, None for an array; ``projection``: ``"latlong"``; ``notes``: remarks
-    - ``nan_pixels``, ``infinite_pixels``, ``negative_pixels``: with such a value in any channel; minus infinity counts
-      as negative
-    - ``luminance_...``: of pixels; ``..._by_solid_angle``, so that the poles' many pixels do not count too much: half
-      of all directions are at most as bright as the median
-    - ``range_stops``: log2 of the maximum over the luminance that 1 % of all lit solid angle stays below
-    - ``mean_radiance_rgb``: over all directions; ``flux_rgb_radiance_sr``: 4 pi of it
-    - ``irradiance_..._rgb_radiance_sr``: of a surface that faces up (+y), down (-y), or +x, -x, +z, -z
-    - ``mean_direction_length``: of the mean of all directions by flux, 0 for light from everywhere, 1 from one
-      direction; ``mean_direction_azimuth_degrees`` and ``..._elevation_degrees`` as :class:`Sun` has them, None for 0
-    - ``flux_share_of_1_pixel``, ...: of those pixels that have the most
-    - ``effective_pixels``: 1 / sum of p^2, p being a pixel's share of the flux
-    - ``samples_for_1_percent_error``: independent ones that all pixels share, see :func:`analyse`; None without light
-    - ``sun``: or None; ``no_sun_reason``: then why
+    - ``format``: the file's, None for an array; ``projection``: ``"latlong"``; ``notes``: remarks
+    - ``nan_pixels``, ``infinite_pixels``, ``negative_pixels``: pixels with such a value in any channel; minus infinity
+      counts as negative
+    - ``luminance_...``: over pixels; ``..._by_solid_angle``: weighted by solid angle, so that the many pixels at the
+      poles do not count too much. Half of all directions are at most as bright as that median
+    - ``range_stops``: log2 of the ratio of the maximum to the luminance below which 1 % of the lit solid angle lies
+    - ``mean_radiance_rgb``: over all directions; ``flux_rgb_radiance_sr``: 4 pi times that
+    - ``irradiance_..._rgb_radiance_sr``: on a surface that faces up (+y), down (-y), +x, -x, +z or -z
+    - ``mean_direction_length``: length of the mean direction, weighted by flux: 0 for light from everywhere, 1 for
+      light from one direction. ``mean_direction_azimuth_degrees`` and ``..._elevation_degrees`` are as in :class:`Sun`;
+      they are None if the length is 0
+    - ``flux_share_of_1_pixel``, ...: the share of the pixels that have the most flux
+    - ``effective_pixels``: 1 / sum of p^2, where p is a pixel's share of the flux
+    - ``samples_for_1_percent_error``: independent samples that all pixels share, see :func:`analyse`; None without
+      light
+    - ``sun``: the sun, or None; ``no_sun_reason``: why there is none
     """
 
     format: str | None
@@ -135,13 +137,13 @@ class Analysis:
     no_sun_reason: str | None
 
     def to_dict(self) -> dict[str, object]:
-        """All of it by the same names, for JSON: finite numbers, texts, None, lists and dicts."""
+        """Everything under the same names, for JSON: finite numbers, strings, None, lists and dicts."""
         return asdict(self)
 
 
 @dataclass(frozen=True)
 class SplitSun:
-    """A map in two: ``sun`` says what ``sun_map`` holds, and ``rest`` has the radiance around it in its place."""
+    """A map split in two: ``sun`` describes ``sun_map``; in ``rest``, the radiance around the sun fills its place."""
 
     sun: Sun
     sun_map: EnvironmentMap
@@ -151,15 +153,15 @@ class SplitSun:
 def analyse(
     source: str | Path | ImageRows | EnvironmentMap | np.ndarray, *, layer: str | None = None, flip: bool = False
 ) -> Analysis:
-    """Say what is in a map: a file or its rows, which are read in bands, a map, or radiance (H, W, 3).
+    """Say what is in a map: a file or its rows (read in bands), a map, or radiance (H, W, 3).
 
-    ``layer`` and ``flip`` are those of :func:`lightdome.read_image`; a file that is given as
-    :class:`lightdome.ImageRows` has its own. Bad values are counted: see the module.
+    ``layer`` and ``flip`` are as in :func:`lightdome.read_image`; :class:`lightdome.ImageRows` has its own. Bad values
+    are counted, see the module's documentation.
 
     The number of samples is for the image of the sphere that :func:`lightdome.shade_samples` makes from ``independent``
-    samples: with the one-sample estimate X = max(0, n . w) (L / I) Phi of the irradiance E, the relative RMSE of N
-    samples is sqrt(sum of var X / sum of E^2 / N), sums over normals of the image and channels. Other sequences need
-    fewer.
+    samples. With the one-sample estimate X = max(0, n . w) (L / I) Phi of the irradiance E, the relative RMSE of N
+    samples is sqrt(sum of var X / sum of E^2 / N), where the sums are over the image's normals and channels. Other
+    sequences need fewer samples.
 
     Raises :class:`LightdomeError` for a file that cannot be read, and for an array of another shape or without pixels.
     """
@@ -174,11 +176,11 @@ def analyse_resampled(read: Projected, envmap: EnvironmentMap) -> Analysis:
 
 
 def split_sun(envmap: EnvironmentMap) -> SplitSun:
-    """Take the sun out of a map; the two maps sum to it, but for a rounding of float32.
+    """Split the sun from the rest of a map; the two maps sum to the original, up to float32 rounding.
 
-    What is next to the sun fills its place, and the sun is what lies above. Its ``flux_rgb_radiance_sr``, from its
-    ``direction_xyz``, is a directional light in the place of ``sun_map``. Raises :class:`LightdomeError` for a map
-    without a sun.
+    In the rest, the radiance around the sun fills its place; the sun is what rises above that. A directional light from
+    its ``direction_xyz`` with its ``flux_rgb_radiance_sr`` can replace ``sun_map``. Raises :class:`LightdomeError` for
+    a map without a sun.
     """
     checks.instance("the map", envmap, EnvironmentMap)
     analysis, region = _examined(_Map.of(envmap, None, False))
@@ -237,9 +239,9 @@ class _Map:
         return "Radiance HDR" if start == b"#?" else "PFM"
 
     def blocks(self, label: str) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Numbers of rows and their radiance, (n,) and (n, W, 3) float32, without bad values.
+        """Row numbers and the rows' radiance, (n,) and (n, W, 3) float32, without bad values.
 
-        Each block is small and lies in one row of :class:`Cells`. They come in the order of the file.
+        Each block is small and lies in one row of :class:`Cells`. Blocks come in the file's order.
         """
         self.inspection = self._fresh_inspection()
         everything = np.arange(self.height)
@@ -259,7 +261,7 @@ class _Map:
 
 
 class _Quantiles:
-    """Exact order statistics of values that are float32 and not negative, weighted: see the module."""
+    """Exact weighted order statistics of non-negative float32 values, as the module's documentation says."""
 
     def __init__(self) -> None:
         self._high = np.zeros(2**15)
@@ -272,11 +274,11 @@ class _Quantiles:
         self._zero += float(weights[values == 0].sum())
 
     def aim(self, fractions: tuple[float, ...], of_lit: float) -> None:
-        """Choose what to look for: ``fractions`` of all weight, then ``of_lit`` of the weight of values above 0."""
+        """Choose the quantiles: ``fractions`` of all weight, then ``of_lit`` of the weight of values above 0."""
         self._sums = np.cumsum(self._high)
         total = self._sums[-1]
         wanted = [fraction * total for fraction in fractions] + [self._zero + of_lit * (total - self._zero)]
-        self._wanted = np.array(wanted) * (1 - 1e-12)  # sums are rounded
+        self._wanted = np.array(wanted) * (1 - 1e-12)  # allows for the rounding of sums
         self._bins = np.searchsorted(self._sums, self._wanted)
         self._low = {int(b): np.zeros(2**16) for b in self._bins}
 
@@ -289,7 +291,7 @@ class _Quantiles:
                 counts += np.bincount(bits[inside] & 0xFFFF, weights[inside], 2**16)
 
     def values(self) -> list[float]:
-        """The smallest values that have at least those fractions at or below them."""
+        """For each quantile, the smallest value with at least that fraction at or below it."""
         found = []
         for high, wanted in zip(self._bins.tolist(), self._wanted, strict=True):
             counts = self._low[high]
@@ -300,7 +302,7 @@ class _Quantiles:
 
 
 class _Light:
-    """The first pass: sums, extremes, and the first count of the quantiles."""
+    """The first pass: sums, extremes, and the first histogram of the quantiles."""
 
     def __init__(self, height: int, width: int) -> None:
         self.theta, self.phi = row_angles(height), column_angles(width)
@@ -315,7 +317,7 @@ class _Light:
         self.square = 0.0
         self.top = np.zeros(TOPS[-1])  # the largest I x solid angle
         self.minimum, self.maximum = np.inf, -1.0
-        self.brightest = np.zeros(3)  # direction of the first pixel with the maximum
+        self.brightest = np.zeros(3)  # direction of the first pixel with the largest luminance
         self.peaks = np.zeros(3, np.float32)
         self.at_half, self.at_one = 0, 0
 
@@ -347,18 +349,18 @@ class _Light:
 
     @property
     def total(self) -> float:
-        """Of I x solid angle."""
+        """The sum of I x solid angle."""
         return float(luminance(self.flux))
 
 
 class _Tops:
-    """The second pass over each channel's largest value: how many pixels have it, touch, or come near."""
+    """The second pass, for each channel's largest value: how many pixels have it, touch, or come close."""
 
     def __init__(self, peaks: np.ndarray) -> None:
         self.peaks = peaks
         self.count, self.pairs = (np.zeros(3, np.int64) for _ in range(2))
-        self.area, self.near = np.zeros(3), np.zeros(3)  # solid angle that has it, and that comes near
-        self._edges: dict[tuple[str, int], np.ndarray] = {}  # ends of blocks whose neighbours, above or below, may come
+        self.area, self.near = np.zeros(3), np.zeros(3)  # solid angle of the pixels that have it, and that come close
+        self._edges: dict[tuple[str, int], np.ndarray] = {}  # edge rows of blocks whose neighbours are yet to come
 
     def add(self, rows: np.ndarray, solid_angle: np.ndarray, radiance: np.ndarray) -> None:
         at = (radiance == self.peaks) & (self.peaks > 0)
@@ -381,19 +383,19 @@ class _Tops:
 
 
 class _Patches:
-    """The second pass round candidates for the sun."""
+    """The second pass, around candidates for the sun."""
 
     def __init__(self, centres: list[np.ndarray], is_fine: bool) -> None:
         self.centres = centres
         self._is_fine = is_fine
-        # Of pixels that are too large none may be near.
+        # If pixels are very large, none may be near a candidate.
         self._parts = [[(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))] for _ in centres]
 
     def add(self, theta: np.ndarray, phi: np.ndarray, solid_angle: np.ndarray, radiance: np.ndarray) -> None:
         for centre, parts in zip(self.centres, self._parts, strict=True):
             if np.abs(theta - np.arccos(np.clip(centre[1], -1, 1))).min() > PATCH:
                 continue
-            # The pixels of a fine map that are narrow, near a pole, are taken together.
+            # In a fine map, the narrow pixels near a pole are merged.
             thin, width = 1, len(phi)
             while self._is_fine and 2 * thin * np.sin(theta).max() <= 1 and width % (2 * thin) == 0:
                 thin *= 2
@@ -473,7 +475,7 @@ def _triple(values: np.ndarray) -> Any:
 
 
 def _candidates(light: _Light) -> list[np.ndarray]:
-    """Where the sun may be: towards most light, and towards the brightest pixel, for one that is cut off."""
+    """Where the sun may be: towards the most light, and towards the brightest pixel, in case the sun is clipped."""
     if not light.total > 0:
         return []
     most = light.cells.brightest()
@@ -495,7 +497,7 @@ def _clipping(light: _Light, tops: _Tops, infinite: int, pixels: int) -> Clippin
         reason = f"{count} pixel{'s are' if count > 1 else ' is'} at {value:g} in {channels}, {limit}"
     elif count >= 4 and 2 * tops.pairs[c] >= count and tops.area[c] >= FLAT * tops.near[c]:
         verdict = "clipped"
-        reason = f"{count} touching pixels share the largest value of {channels}, {value:g}; or a lamp is evenly bright"
+        reason = f"{count} touching pixels share the largest value of {channels}, {value:g}; perhaps an even lamp"
     return Clipping(
         verdict=verdict,
         reason=reason,
@@ -511,13 +513,13 @@ def _not_clipped(tops: _Tops) -> str:
     count = int(tops.count.max())
     if count == 0:
         return "there is no light"
-    return f"the largest value of a channel is that of {count} pixel{'s' if count > 1 else ''}, {tops.peaks.max():g}"
+    return f"{count} pixel{'s have' if count > 1 else ' has'} the largest value of any channel, {tops.peaks.max():g}"
 
 
 def _sun(
     light: _Light, tops: _Tops, patches: _Patches, clipping: Clipping
 ) -> tuple[Sun | None, Region | None, str | None]:
-    """The sun, its region, and else why there is none, as the first candidate says."""
+    """The sun and its region, or why there is none, as found for the first candidate."""
     pixel = max(np.pi / len(light.theta), 2 * np.pi / len(light.phi))
     reasons = ["there is no light"] if not patches.centres else []
     for start, patch in patches.patches():
@@ -534,14 +536,14 @@ def _sun(
             continue
         rival = light.cells.rival(np.array(sun.direction_xyz)) / (sun.flux_share * light.total)
         if rival > MAX_RIVAL:
-            reasons.append(f"another source has {100 * rival:.0f} % of the light of the brightest")
+            reasons.append(f"another source has {100 * rival:.0f} % of the light of the brightest one")
             continue
         return sun, region, None
     return None, None, reasons[0]
 
 
 def _samples(cells: Cells, total: float, error: float) -> int | None:
-    """Independent samples for that relative RMSE, from sums over cells: see :func:`analyse`."""
+    """Independent samples for the relative RMSE ``error``, from sums over cells; see :func:`analyse`."""
     inside = np.argwhere(disc_mask(DISC)[::-1])
     across = (2 * inside[:, ::-1] + 1 - DISC) / DISC
     normal = np.concatenate([across, np.sqrt(1 - (across**2).sum(axis=1, keepdims=True))], axis=1)

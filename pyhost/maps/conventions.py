@@ -1,22 +1,23 @@
-"""How programs lay a latitude-longitude map round the world: which axis is up, and where each column looks.
+"""How programs lay a latitude-longitude map around the world: which axis is up, and where each column looks.
 
-In all of them row 0 looks up, and columns run to the right for someone inside who turns to the right. They differ in
-the names of the axes and in where the first column looks. A place in a map is (u, v): u from 0 at the left edge to 1 at
-the right one, v from 0 at the top to 1 at the bottom. The centre of the pixel (x, y) is ((x + 1/2) / W, (y + 1/2) / H).
+In every convention, row 0 looks up, and columns run to the right for someone inside the sphere who turns to the right.
+Conventions differ in the names of the axes and in where the first column looks. A place in a map is (u, v): u runs from
+0 at the left edge to 1 at the right edge, v from 0 at the top to 1 at the bottom. The centre of pixel (x, y) is at
+((x + 1/2) / W, (y + 1/2) / H). Below are each convention's axes, its u, and where columns 0, W/4, W/2 and 3W/4 look:
 
-- ``lightdome``: right-handed, +y up, u = atan2(z, x) / 2 pi; columns 0, W/4, W/2, 3W/4 look along +x, +z, -x, -z
+- ``lightdome``: right-handed, +y up, u = atan2(z, x) / 2 pi; +x, +z, -x, -z
 - ``pbrt``: left-handed, +z up, u = atan2(y, x) / 2 pi; +x, +y, -x, -y
 - ``mitsuba``: right-handed, +y up, u = atan2(x, -z) / 2 pi; -z, +x, +z, -x
 - ``cycles``: right-handed, +z up, u = 1/2 - atan2(y, x) / 2 pi; -x, +y, +x, -y
 - ``gltf``: right-handed, +y up, u = 1/2 + atan2(z, x) / 2 pi; -x, -z, +x, +z
 - ``skylibs``: right-handed, +y up, u = 1/2 + atan2(x, -z) / 2 pi; +z, -x, -z, +x
 
-Lightdome's (x, y, z) is (x, z, y) in PBRT, (x, -z, y) in Blender and the same in the others, :func:`to_axes`: up stays
-up, and what the program's camera shows is not mirrored. So a map goes from one convention to another by a yaw of whole
-quarter turns.
+Lightdome's (x, y, z) is (x, z, y) in PBRT, (x, -z, y) in Blender, and (x, y, z) in the others; see :func:`to_axes`. Up
+stays up, and what the program's camera shows is not mirrored. So a map goes from one convention to another by a yaw of
+whole quarter turns.
 
-PBRT's axes are left-handed. In a scene that makes them right-handed with ``Scale -1 1 1`` before its camera, and does
-not take it back for its light, a map comes out mirrored: :meth:`lightdome.EnvironmentMap.mirrored` undoes that.
+PBRT's axes are left-handed. If a scene makes them right-handed with ``Scale -1 1 1`` before its camera, and does not
+undo that for its light, the map comes out mirrored; :meth:`lightdome.EnvironmentMap.mirrored` compensates.
 
 Sources are in :data:`PRESETS`.
 """
@@ -35,11 +36,11 @@ from .geometry import directions
 
 @dataclass(frozen=True)
 class Convention:
-    """What a program does with a map.
+    """A program's convention for maps.
 
-    - ``axes``: the program's x, y and z in lightdome's axes, the rows of a signed permutation
-    - ``quarters``: by how many quarters of its width lightdome's map moves to the right in the program's file
-    - ``source``: where the program says so
+    - ``axes``: the program's x, y and z in lightdome's axes, as the rows of a signed permutation
+    - ``quarters``: how many quarters of its width lightdome's map moves to the right in the program's file
+    - ``source``: where the program's code or documentation defines it
     """
 
     axes: tuple[tuple[int, int, int], ...]
@@ -82,19 +83,20 @@ PRESETS = {
 
 
 def preset(name: object) -> Convention:
-    """The convention of this name. Raises :class:`LightdomeError` for another."""
+    """The convention with this name. Raises :class:`LightdomeError` for an unknown name."""
     return PRESETS[checks.choice("convention", name, CONVENTIONS)]
 
 
 def yaw_between(from_: object, to: object) -> float:
-    """The yaw in degrees that takes a map from one convention to another, by their names."""
+    """The yaw in degrees that takes a map from one convention to another, both given by name."""
     return -90.0 * ((preset(to).quarters - preset(from_).quarters) % 4)
 
 
 def to_axes(direction: np.ndarray, name: str, from_: str = "lightdome") -> np.ndarray:
-    """Directions (..., 3) in the axes of ``name``, from those of ``from_``: exact, and floats keep their type.
+    """Directions (..., 3) in the axes of the convention ``name``, from the axes of ``from_``.
 
-    Raises :class:`LightdomeError` for an unknown convention, and for another shape.
+    The result is exact, and floats keep their type. Raises :class:`LightdomeError` for an unknown convention, and for
+    another shape.
     """
     matrix = np.array(preset(name).axes) @ np.transpose(preset(from_).axes)
     direction = checks.array("direction", direction)
@@ -107,20 +109,20 @@ def to_axes(direction: np.ndarray, name: str, from_: str = "lightdome") -> np.nd
 
 
 def to_uv(direction: np.ndarray, name: str = "lightdome") -> np.ndarray:
-    """The places (..., 2) in the map of ``name`` at which directions (..., 3) in its own axes lie, float64.
+    """The places (u, v), (..., 2) float64, of directions (..., 3) in a map of the convention ``name``.
 
-    u is from 0 up to 1, v from 0 to 1; the length of a direction does not matter. Raises :class:`LightdomeError` for an
-    unknown convention.
+    Directions are in the axes of that convention, and their length does not matter. u is in [0, 1), v in [0, 1]. Raises
+    :class:`LightdomeError` for an unknown convention.
     """
     x, y, z = np.moveaxis(to_axes(direction, "lightdome", name).astype(np.float64), -1, 0)
     u = np.arctan2(z, x) / (2 * np.pi) + preset(name).quarters / 4
     u = u - np.floor(u)
-    u = np.where(u >= 1, 0, u)  # just below 0 rounds to 1, and NaN stays
+    u = np.where(u >= 1, 0, u)  # a u just below 0 rounds to 1; NaN stays
     return np.stack([u, np.arctan2(np.hypot(x, z), y) / np.pi], axis=-1)
 
 
 def from_uv(u: np.ndarray, v: np.ndarray, name: str = "lightdome") -> np.ndarray:
-    """The unit vectors (..., 3) float64, in the axes of ``name``, at places in its map; u and v are broadcast.
+    """The unit vectors (..., 3) float64, in the axes of ``name``, at places (u, v) in its map, which are broadcast.
 
     Raises :class:`LightdomeError` for an unknown convention.
     """

@@ -1,4 +1,4 @@
-"""Where the map is that lightdome ships."""
+"""The path of the map that comes with lightdome."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from pathlib import Path
 
 
 def default_map() -> Path:
-    """The file of the environment map that ships, from any folder: a chapel at dusk, 1024 x 512.
+    """The path of the environment map that comes with lightdome: a chapel at dusk, 1024 x 512 pixels.
 
-    It is ``data/default.exr`` of the clone where the package is one, see ``data/README.md`` there.
+    It works from any folder. In a clone, this is ``data/default.exr``; see ``data/README.md``.
     """
     package = Path(__file__).resolve().parents[1]
     of_wheel = package / "data"

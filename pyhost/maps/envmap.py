@@ -1,7 +1,7 @@
 """A latitude-longitude environment map, checked, and the geometry of its pixels.
 
 Row 0 is the top. Pixel centres lie at theta = pi (y + 1/2) / H and phi = 2 pi (x + 1/2) / W; their
-directions are (sin theta cos phi, cos theta, sin theta sin phi), so +y is up.
+directions are (sin(theta) cos(phi), cos(theta), sin(theta) sin(phi)), so +y is up.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ SANITIZE = ("black", "clamp")
 
 @dataclass(frozen=True)
 class Replaced:
-    """What ``sanitize`` put in the place of bad values, and how much of the light that is.
+    """What ``sanitize`` replaced bad values with, and how much light the replaced pixels carry.
 
-    ``pixels`` had one bad value or more: ``nan`` of them NaN, ``infinite`` an infinite one, ``negative`` a negative
-    one, which may be minus infinity. Infinities became ``infinity``, all others 0. These pixels now carry
-    ``flux_share`` of the map's flux, 0 to 1.
+    ``pixels`` had at least one bad value: ``nan`` of them NaN, ``infinite`` of them an infinite one, ``negative`` of
+    them a negative one, which may be minus infinity. Infinities became ``infinity``; all others became 0. These pixels
+    now carry ``flux_share`` of the map's flux, from 0 to 1.
     """
 
     pixels: int
@@ -46,7 +46,7 @@ class Replaced:
 
     @property
     def note(self) -> str:
-        """The same as a line of text."""
+        """The same information as a line of text."""
         kinds = {"NaN by 0": self.nan, f"infinite by {self.infinity:g}": self.infinite, "negative by 0": self.negative}
         said = ", ".join(f"{n} {kind}" for kind, n in kinds.items() if n)
         plural = "s were" if self.pixels > 1 else " was"
@@ -61,13 +61,13 @@ class Replaced:
 class EnvironmentMap:
     """Radiance by direction: ``radiance`` is (H, W, 3) float32, finite, 0 or above, and read-only.
 
-    ``EnvironmentMap(radiance)`` copies and checks what it is given and raises :class:`LightdomeError` that
-    counts the bad pixels and names the first. With ``sanitize`` they are replaced instead, and ``replaced`` says how:
-    ``"black"``, or True, makes each bad value 0; ``"clamp"`` makes infinite ones the largest finite value of the
-    array's type, 65504 for half floats, and others 0. ``notes`` are remarks on the file that :meth:`read` read: the
-    layer it took, a factor in the header that it divided out, ...
+    ``EnvironmentMap(radiance)`` copies its array and checks it. Bad pixels raise a :class:`LightdomeError`, which
+    counts them and names the first. With ``sanitize`` they are replaced instead, and ``replaced`` says how:
+    ``"black"``, or True, makes each bad value 0; ``"clamp"`` makes infinite values the largest finite value of the
+    array's type (65504 for half floats), and the others 0. ``notes`` are remarks on the file that :meth:`read` read:
+    which layer it took, a factor in the header that it divided out, and so on.
 
-    Maps are equal where their radiance is, whatever file it came in; they cannot be hashed.
+    Maps are equal if their radiance is equal, whatever file they come from. They cannot be hashed.
     """
 
     radiance: np.ndarray
@@ -99,17 +99,17 @@ class EnvironmentMap:
         projection: str | None = None,
         convention: str = "lightdome",
     ) -> EnvironmentMap:
-        """Read a PFM, EXR or Radiance HDR file; ``sanitize`` as for the class, by the file's type.
+        """Read a PFM, EXR or Radiance HDR file; ``sanitize`` works as for the class, by the file's type.
 
-        ``layer`` chooses a layer of an EXR file, as for :func:`read_image`. With ``flip`` the file's rows are taken in
-        reverse, for one that was written upside down. ``projection`` is the file's, one of
+        ``layer`` chooses a layer of an EXR file, as in :func:`read_image`. ``flip`` reverses the rows, for a file that
+        was written upside down. ``projection`` is the file's projection, one of
         :data:`lightdome.maps.projections.PROJECTIONS`; by default :func:`lightdome.maps.conversion.detected` finds it.
-        A map in another projection than latitude-longitude is resampled to that, with about as many pixels, and
-        ``notes`` say so. ``convention`` is that of the program for which a latitude-longitude file was made, see
+        A map in any projection but latitude-longitude is resampled to that, with about as many pixels, and ``notes``
+        say so. ``convention`` is that of the program for which a latitude-longitude file was made; see
         :mod:`lightdome.maps.conventions`. Raises :class:`LightdomeError` if the file cannot be read, does not fit its
-        projection or holds bad pixels.
+        projection, or holds bad pixels.
         """
-        yaw_between(convention, "lightdome")  # refuses an unknown one before the file is read
+        yaw_between(convention, "lightdome")  # refuses an unknown convention before reading the file
         read = read_projected(
             path, sanitize=sanitize, layer=layer, flip=flip, projection=projection, convention=convention
         )
@@ -119,7 +119,7 @@ class EnvironmentMap:
             peak = float(radiance.max())
             notes = (*notes, f"note: the map was resampled to {radiance.shape[1]} x {radiance.shape[0]} latlong pixels")
         result = object.__new__(cls)
-        # Nobody else holds what was read, so it is not copied.
+        # Nothing else refers to the array just read, so it is not copied.
         result._set(radiance, peak, read.replaced, notes)
         return result.to_convention("lightdome", from_=convention)
 
@@ -137,10 +137,10 @@ class EnvironmentMap:
             object.__setattr__(self, field, value)
 
     def rotated(self, yaw: float, pitch: float = 0.0, roll: float = 0.0) -> EnvironmentMap:
-        """The map after the world turned by angles in degrees, see :func:`lightdome.maps.rotation.rotation_matrix`.
+        """The map after the world turns by angles in degrees; see :func:`lightdome.maps.rotation.rotation_matrix`.
 
-        A yaw by whole columns moves the pixels as they are. Every other rotation resamples them and keeps the flux.
-        Raises :class:`LightdomeError` for an angle that is not finite.
+        A yaw by whole columns moves the pixels unchanged. Any other rotation resamples them and keeps the flux. Raises
+        :class:`LightdomeError` for an angle that is not finite.
         """
         matrix = rotation_matrix(yaw, pitch, roll)
         columns = whole_columns(self.width, matrix)
@@ -156,16 +156,16 @@ class EnvironmentMap:
         return self._of_radiance(np.ascontiguousarray(self.radiance[:, ::-1]))
 
     def to_convention(self, name: str, from_: str = "lightdome") -> EnvironmentMap:
-        """The map as ``name`` reads it, to light a scene there as lightdome does with this one.
+        """The map as the program ``name`` reads it, so that it lights a scene there as this map does in lightdome.
 
-        ``from_`` is the convention that this map has now. Both are of :mod:`lightdome.maps.conventions`. The pixels
-        stay as they are where the width can be divided by 4, or by 2 for a half turn; else it is :meth:`rotated`.
-        Raises :class:`LightdomeError` for an unknown convention.
+        ``from_`` is the convention of this map. Both are names from :mod:`lightdome.maps.conventions`. The pixels stay
+        as they are if the width is a multiple of 4 (of 2 for a half turn); otherwise the map is :meth:`rotated`. Raises
+        :class:`LightdomeError` for an unknown convention.
         """
         return self.rotated(yaw_between(from_, name))
 
     def _of_radiance(self, radiance: np.ndarray) -> EnvironmentMap:
-        """This map with other pixels, which are not copied."""
+        """This map with ``radiance`` instead, which is not copied."""
         peak = float(radiance.max())
         return checks.made(EnvironmentMap, radiance=radiance, peak=peak, replaced=self.replaced, notes=self.notes)
 
@@ -187,12 +187,12 @@ class EnvironmentMap:
 
     @property
     def shape_note(self) -> str | None:
-        """A remark on a map that is not twice as wide as high, which is allowed; else None."""
+        """A remark on a map that is not twice as wide as it is high, which is allowed; None for other maps."""
         return shape_note(self.height, self.width)
 
 
 def shape_note(height: int, width: int) -> str | None:
-    """A remark on a map that is not twice as wide as high, which is allowed; else None."""
+    """A remark on a map that is not twice as wide as it is high, which is allowed; None for other maps."""
     if width == 2 * height:
         return None
     return f"note: the map is {width} x {height}, not 2:1; it is stretched over the whole sphere of directions"
@@ -200,7 +200,7 @@ def shape_note(height: int, width: int) -> str | None:
 
 @dataclass(frozen=True)
 class Projected:
-    """A file's map as it lies there: (H, W, 3) ``radiance``, checked, in the ``projection`` of that name."""
+    """A map as it is in its file: checked ``radiance`` (H, W, 3), in the projection named ``projection``."""
 
     radiance: np.ndarray
     projection: str
@@ -218,7 +218,7 @@ def read_projected(
     projection: str | None = None,
     convention: str = "lightdome",
 ) -> Projected:
-    """What :meth:`EnvironmentMap.read` reads, before it is resampled or turned; pixels that are not used are 0."""
+    """What :meth:`EnvironmentMap.read` reads, before it is resampled or turned; unused pixels are 0."""
     inspection = Inspection(sanitize)
     if checks.optional_text("projection", projection) is not None:
         checks.choice("projection", projection, PROJECTIONS)
@@ -233,7 +233,7 @@ def read_projected(
     if projection != "latlong":
         if convention != "lightdome":
             raise LightdomeError(
-                f"{path} is taken as {projection}, and conventions are of latitude-longitude maps; leave out"
+                f"{path} is taken as {projection}, but conventions apply to latitude-longitude maps only; leave out"
                 f" --convention {convention} and turn the map with --rotate"
             )
         inspection.solid_angles = fitting.solid_angles(radiance.shape[:2])
@@ -244,18 +244,18 @@ def read_projected(
 
 
 def largest_of(array: object) -> float:
-    """The largest finite radiance that an array's type holds: of half floats 65504, else float32's."""
+    """The largest finite radiance that an array's type can hold: 65504 for half floats, else float32's."""
     return LARGEST_HALF if getattr(array, "dtype", None) == np.float16 else LARGEST
 
 
 class Inspection:
-    """Looks at a map's values, some rows at a time, in any order.
+    """Inspects a map's values, some rows at a time, in any order.
 
     - ``sanitize``: None, ``"black"`` or ``"clamp"``
-    - ``infinity``: what an infinite value becomes
-    - ``peak``: the largest value that is neither infinite nor NaN, 0 if there is none above
+    - ``infinity``: what infinite values become
+    - ``peak``: the largest finite value, or 0 if none is above 0
 
-    Raises :class:`LightdomeError` for another way to ``sanitize``.
+    Raises :class:`LightdomeError` for any other ``sanitize``.
     """
 
     def __init__(self, sanitize: bool | str | None = None, largest: float = LARGEST) -> None:
@@ -267,14 +267,14 @@ class Inspection:
         self.sanitize = sanitize
         self.infinity = largest if sanitize == "clamp" else 0.0
         self.peak = 0.0
-        self.solid_angles: np.ndarray | None = None  # (H, W) of a map, read at once, that is not latitude-longitude
+        self.solid_angles: np.ndarray | None = None  # (H, W), for a map read all at once that is not latitude-longitude
         self.found = 0  # bad pixels
         self._kinds: Counter[str] = Counter()
         self._first: tuple[int, int, np.ndarray] | None = None  # y, x, and its value
         self._light: dict[int, float] = {}  # R + G + B of replaced pixels, by row
 
     def mended(self, radiance: np.ndarray, first_row: int = 0) -> np.ndarray:
-        """Look at rows ``first_row`` and following, (n, W, 3); return them, or a copy without bad values."""
+        """Inspect the rows (n, W, 3) that start at ``first_row``; return them, or a copy without bad values."""
         # A NaN makes both extremes NaN, so two passes without temporaries see every bad value.
         lowest, peak = float(radiance.min()), float(radiance.max())
         if not (lowest >= 0 and peak < np.inf):
@@ -307,7 +307,7 @@ class Inspection:
         return pixels
 
     def refuse_bad_pixels(self, name: str) -> None:
-        """Raise :class:`LightdomeError` for those that are not to be replaced, with their count and the first."""
+        """Raise :class:`LightdomeError` for bad pixels that are not to be replaced, with their count."""
         if self._first is None or self.sanitize:
             return
         kinds = ", ".join(f"{n} {kind}" for kind, n in self._kinds.items() if n)
@@ -315,11 +315,11 @@ class Inspection:
         clamp = ", or infinite ones by the largest value with --sanitize clamp" if self._kinds["infinite"] else ""
         raise LightdomeError(
             f"{name}: {self.found} bad pixel{'s' if self.found > 1 else ''} ({kinds}), the first at x = {x}, y = {y}:"
-            f" ({r:g}, {g:g}, {b:g}); mend the map, or replace them by black with --sanitize{clamp}"
+            f" ({r:g}, {g:g}, {b:g}); fix the map, or replace them by black with --sanitize{clamp}"
         )
 
     def replaced_in(self, radiance: np.ndarray) -> Replaced | None:
-        """What was replaced in this map, of which every row was looked at."""
+        """What was replaced in this map, once every row has been inspected."""
         if not self.found:
             return None
         if self.solid_angles is not None:
@@ -328,7 +328,7 @@ class Inspection:
         return self.replaced(len(radiance), float(rows @ np.sin(row_angles(len(radiance)))))
 
     def replaced(self, height: int, total: float) -> Replaced | None:
-        """What was replaced in a map of ``height`` rows whose sum of (R + G + B) sin(theta) is ``total`` now."""
+        """What was replaced in a map of ``height`` rows, where (R + G + B) sin(theta) now sums to ``total``."""
         if not self.found:
             return None
         sine = np.sin(row_angles(height)) if self.solid_angles is None else np.ones(height)

@@ -1,8 +1,8 @@
-"""Read OpenEXR files: channels that :mod:`lightdome.maps.exr_layers` chooses, unpacked by OpenImageIO.
+"""Read OpenEXR files: :mod:`lightdome.maps.exr_layers` chooses the channels, OpenImageIO unpacks them.
 
-Half and single floats keep their values, infinities and NaN too; whole numbers (UINT) are read as those numbers.
-Luminance and chroma become R, G and B by the file's chromaticities. Subsampled chroma is refused, since versions of
-OpenImageIO differ in it.
+Half and single floats keep their values, infinities and NaN included; integers (UINT) are read as those numbers.
+Luminance and chroma become R, G and B according to the file's chromaticities. Subsampled chroma is refused, because
+versions of OpenImageIO treat it differently.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from .exr_layers import Layer, Part, choose_layer
 from .image_source import ImageSource, check_size, damaged
 from .oiio_files import open_input, reason
 
-# The time that OpenEXR takes for a header grows with the square of the number of attributes, and of channels.
+# OpenEXR's time to read a header grows with the square of the number of attributes, and of channels.
 HEADER_BYTES, ATTRIBUTES, CHANNELS_BYTES = 2**24, 2000, 2**18
-MAX_OVERHANG = 2048  # pixels of a tile outside the image
+MAX_OVERHANG = 2048  # pixels of a tile that may lie outside the image
 REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # OpenEXR's default chromaticities: R, G, B, white
 
 
 @contextmanager
 def open_exr(path: Path, layer: str | None) -> Iterator[ImageSource]:
-    """An open EXR file. Raises :class:`LightdomeError` where it is damaged or has no such layer."""
+    """An open EXR file. Raises :class:`LightdomeError` if it is damaged or has no such layer."""
     _check_header(path)
     file = open_input(path)
     if file is None:
@@ -70,7 +70,7 @@ def _source(path: Path, file: oiio.ImageInput, name: str | None) -> ImageSource:
         if together:
             pixels = read_channels(first, end, places[0], places[0] + len(places), oiio.FLOAT)
         else:
-            # If OpenImageIO converts whole numbers to floats, the largest becomes 1.
+            # Read integers as such: OpenImageIO would scale them so that the largest becomes 1.
             kinds = [oiio.UINT32 if whole else oiio.FLOAT for whole in whole_numbers]
             planes = [read_channels(first, end, c, c + 1, kind) for c, kind in zip(places, kinds, strict=True)]
             pixels = np.concatenate([plane.astype(np.float32, copy=False) for plane in planes], axis=2)
@@ -84,7 +84,7 @@ def _source(path: Path, file: oiio.ImageInput, name: str | None) -> ImageSource:
         spec.width,
         read,
         spec.get_int_attribute("Orientation", 1),
-        # Says OpenImageIO, which would unpack them again for every batch that has some of them.
+        # A batch that held only some of these rows would make OpenImageIO unpack them all again.
         together=max(1, spec.tile_height, spec.get_int_attribute("oiio:RowsPerChunk", 1)),
         largest=LARGEST_HALF if is_half else LARGEST,
         notes=tuple(_notes(path, spec, layer, chosen=name is not None)),
@@ -93,7 +93,7 @@ def _source(path: Path, file: oiio.ImageInput, name: str | None) -> ImageSource:
 
 
 def _check_header(path: Path) -> None:
-    """Refuse a header on which OpenEXR would spend long; other defects are left to OpenEXR, which says more."""
+    """Refuse a header that OpenEXR would be slow to read; OpenEXR reports other defects better."""
     with path.open("rb") as stream:
         data = stream.read(HEADER_BYTES)
     several_parts = len(data) > 8 and data[5] & 0x10
@@ -127,9 +127,9 @@ def _specs(path: Path, file: oiio.ImageInput) -> list[oiio.ImageSpec]:
 
 
 def _part(path: Path, spec: oiio.ImageSpec) -> Part:
-    if spec.get_int_attribute("openexr:luminancechroma"):  # OpenImageIO before 3.2 calls them R, G, B and reads none
+    if spec.get_int_attribute("openexr:luminancechroma"):  # OpenImageIO before 3.2 calls them R, G, B and fails
         raise LightdomeError(
-            f"{path}: this version of OpenImageIO reads no luminance-chroma channels (Y, RY, BY), subsampled or not;"
+            f"{path}: this version of OpenImageIO cannot read luminance-chroma channels (Y, RY, BY);"
             " update OpenImageIO, or save the file as R, G, B"
         )
     try:
@@ -142,12 +142,12 @@ def _part(path: Path, spec: oiio.ImageSpec) -> Part:
             deep=spec.deep,
         )
     except UnicodeDecodeError:
-        raise damaged(path, "a name in its header is not valid text") from None
+        raise damaged(path, "a name in its header is not valid UTF-8") from None
 
 
 def _subsampled(path: Path) -> LightdomeError:
     return LightdomeError(
-        f"{path}: some channels are subsampled, as those of luminance-chroma files are (Y, RY, BY); save it as R, G, B"
+        f"{path}: some channels are subsampled, as in luminance-chroma files (Y, RY, BY); save the file as R, G, B"
     )
 
 
@@ -157,9 +157,9 @@ def _check(path: Path, spec: oiio.ImageSpec) -> None:
         raise LightdomeError(f"{path}: cannot use an image of {width} x {height} x {spec.depth} pixels")
     if (spec.x, spec.y, width, height) != (spec.full_x, spec.full_y, spec.full_width, spec.full_height):
         raise LightdomeError(
-            f"{path}: its data window is not its display window, so it is not the whole map; save it uncropped"
+            f"{path}: its data window differs from its display window, so it is not the whole map; save it uncropped"
         )
-    # The library allocates whole tiles, even if they reach far beyond the image.
+    # OpenImageIO allocates whole tiles, even if they extend far beyond the image.
     if spec.tile_width > width + MAX_OVERHANG or spec.tile_height > height + MAX_OVERHANG:
         raise LightdomeError(f"{path} is damaged: it claims tiles of {spec.tile_width} x {spec.tile_height} pixels")
     check_size(path, height, width, spec.nchannels)
@@ -167,11 +167,11 @@ def _check(path: Path, spec: oiio.ImageSpec) -> None:
 
 def _notes(path: Path, spec: oiio.ImageSpec, layer: Layer, chosen: bool) -> Iterator[str]:
     if layer.label and not chosen:
-        yield f"note: the map in {path} is its layer {quoted(layer.label)}; --layer NAME takes another"
+        yield f"note: the map in {path} is its layer {quoted(layer.label)}; --layer NAME chooses another"
     if spec.get_string_attribute("textureformat") == "LatLong Environment":
         yield (
-            f"note: {path} says envmap = latlong, by which OpenEXR means samples on the border, the first and last row"
-            " on the poles; they are used as the centres of pixels, so up to half a pixel off"
+            f"note: {path} says envmap = latlong: OpenEXR places its outermost pixels on the border, the first and"
+            " last rows on the poles; lightdome places their centres half a pixel inside, so that much is off"
         )
 
 
@@ -191,12 +191,12 @@ def _luminance_weights(path: Path, spec: oiio.ImageSpec) -> np.ndarray:
 
 
 def _from_chroma(pixels: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """R, G and B of Y, RY = (R - Y) / Y and BY = (B - Y) / Y, as OpenEXR's ``YCAtoRGBA`` has it."""
+    """R, G and B of Y, RY = (R - Y) / Y and BY = (B - Y) / Y, as in OpenEXR's ``YCAtoRGBA``."""
     luminance, red_chroma, blue_chroma = np.moveaxis(pixels.astype(np.float64), 2, 0)
     with np.errstate(all="ignore"):
         red, blue = (red_chroma + 1) * luminance, (blue_chroma + 1) * luminance
         green = (luminance - red * weights[0] - blue * weights[2]) / weights[1]
         is_grey = (red_chroma == 0) & (blue_chroma == 0)
         rgb = np.stack([red, np.where(is_grey, luminance, green), blue], axis=2)
-        rgb[np.isposinf(luminance)] = np.inf  # a sun: green would be NaN
+        rgb[np.isposinf(luminance)] = np.inf  # a sun, where green would be NaN
         return rgb.astype(np.float32)

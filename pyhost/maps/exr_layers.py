@@ -1,20 +1,20 @@
-"""Which of an OpenEXR file's channels are the map: by their names, over all parts, never by their place.
+"""Which channels of an OpenEXR file are the map: by their names, over all parts, never by their position.
 
-A channel's name is its layer's, a dot and its own (``diffuse.R``); without a dot it belongs to the default layer. The
-map is, in this order:
+A channel's full name is its layer's name, a dot, and its own name (``diffuse.R``). Without a dot it belongs to the
+default layer. The map is the first of these that exists:
 
 1. R, G and B of the default layer, or its Y, RY and BY, which are luminance and chroma
 2. Y of the default layer, as grey
 3. the only other layer with R, G and B (or Y, RY and BY)
 4. the only other layer with Y
 
-With several parts, each has a default layer, which goes by the part's name. Where several layers are left, the one
-called ``Combined``, ``rgba``, ``beauty`` or the like is taken. Three kinds are never taken unasked: layers whose names
-say that they hold no light (depth, albedo, normals, ambient occlusion, ...), other views than the first of
-``multiView``, and deep parts. What is still not unique is refused.
+In a file of several parts, each part has a default layer, which goes by the part's name. If several layers remain, the
+one called ``Combined``, ``rgba``, ``beauty`` or similar is taken. Three kinds are taken only on request: layers whose
+names say that they hold no light (depth, albedo, normals, ambient occlusion, ...), views other than the first in
+``multiView``, and deep parts. If the choice is still not unique, the file is refused.
 
-R, G and B may be in lower case, or ``red``, ``green``, ``blue``. X, Y and Z are no colour, and neither are two of R, G
-and B: a file that lost a channel is more likely than one made so.
+R, G and B may be in lower case, or ``red``, ``green``, ``blue``. X, Y and Z do not count as colour, and neither do two
+of R, G and B: a file is more likely to have lost a channel than to be made with two.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ NO_LIGHT = re.compile(
 
 @dataclass(frozen=True)
 class Part:
-    """The entries of a part's header that decide: ``views`` is ``multiView``, ``view`` the part's own."""
+    """The header entries of a part that matter: ``views`` is ``multiView``, ``view`` is the part's own."""
 
     name: str
     channels: Sequence[str]
@@ -61,10 +61,11 @@ class Part:
 class Layer:
     """The channels of one layer in one part, and what their names say.
 
-    - ``label``: its name in full, which no other layer has
-    - ``channels``: their places in the part, by their own names
-    - ``colour``: the places of R, G and B, or of Y, RY and BY if ``is_chroma``; ``grey``: of Y. Empty if it has none
-    - ``short_name``: without the names round it and without its view
+    - ``label``: its full name, which no other layer has
+    - ``channels``: their positions in the part, by the channels' own names
+    - ``colour``: the positions of R, G and B, or of Y, RY and BY if ``is_chroma``; ``grey``: the position of Y. Empty
+      if it has none
+    - ``short_name``: its name without those of enclosing layers and without its view
     """
 
     part: int
@@ -82,14 +83,14 @@ class Layer:
 
     @property
     def is_main(self) -> bool:
-        """Whether it has a name that the picture itself goes by."""
+        """Whether its name is a usual one for the image itself."""
         return bool(MAIN.fullmatch(self.short_name))
 
 
 def choose_layer(path: Path, parts: Sequence[Part], wanted: str | None) -> Layer:
     """The layer of a file that is the map, or that ``wanted`` names.
 
-    Raises :class:`LightdomeError` that lists what there is.
+    Raises :class:`LightdomeError`, which lists the layers, if there is no such layer or the choice is not unique.
     """
     layers = find_layers(parts)
     if wanted is None:
@@ -109,17 +110,17 @@ def choose_layer(path: Path, parts: Sequence[Part], wanted: str | None) -> Layer
     where = "it" if wanted is None else f"its layer {quoted(wanted)}"
     usable = any((layer.colour or layer.grey) and not layer.is_deep for layer in layers)
     advice = "; choose a layer with --layer NAME" if usable else ""
-    raise LightdomeError(f"{path}: {where} has no R, G and B, nor Y, that could be the map; {_listed(layers)}{advice}")
+    raise LightdomeError(f"{path}: {where} has no R, G and B, and no Y, to be the map; {_listed(layers)}{advice}")
 
 
 def _by_the_rule(layers: Sequence[Layer], several_parts: bool) -> list[Layer]:
-    """The map, or all layers that it could be, or none."""
+    """The layer that is the map, or all layers that could be, or none."""
     main = [layer for layer in layers if layer.is_main and layer.colour and not layer.is_default]
     for is_default in (True, False):
         for places in ("colour", "grey"):
             found = [layer for layer in layers if layer.is_default == is_default and getattr(layer, places)]
             if found and is_default and several_parts:
-                found += main  # the default layer of a part "diffuse" is no more the map than a layer "beauty"
+                found += main  # a layer "beauty" is as likely the map as the default layer of a part "diffuse"
             best = [layer for layer in found if not layer.short_name] or [layer for layer in found if layer.is_main]
             if found:
                 return best if len(best) == 1 else found
@@ -127,7 +128,7 @@ def _by_the_rule(layers: Sequence[Layer], several_parts: bool) -> list[Layer]:
 
 
 def find_layers(parts: Sequence[Part]) -> list[Layer]:
-    """All layers of all parts, in the order of the file."""
+    """All layers of all parts, in the file's order."""
     views = next((part.views for part in parts if part.views), ())
     grouped = [(number, *group) for number, part in enumerate(parts) for group in _grouped(part).items()]
     labels = [_label(parts[number].name if len(parts) > 1 else "", name) for number, name, _ in grouped]
@@ -164,7 +165,7 @@ def find_layers(parts: Sequence[Part]) -> list[Layer]:
 
 
 def _grouped(part: Part) -> dict[str, dict[str, int]]:
-    """By layers, the places of their channels by their own names."""
+    """For each layer, the positions of its channels by the channels' own names."""
     result: dict[str, dict[str, int]] = {}
     for place, channel in enumerate(part.channels):
         layer, _, own = channel.rpartition(".")
@@ -177,7 +178,7 @@ def _label(part: str, layer: str) -> str:
 
 
 def _without_view(name: str, views: set[str]) -> tuple[list[str], str]:
-    """The names, outer first, that make up a layer's or a part's full name, and the view that it ends with."""
+    """The names, outermost first, that make up the full name of a layer or part, and the view at its end."""
     names = [word for word in name.split(".") if word]
     view = names.pop() if names and names[-1] in views else ""
     return names, view
@@ -185,13 +186,13 @@ def _without_view(name: str, views: set[str]) -> tuple[list[str], str]:
 
 def _means_no_light(name: str) -> bool:
     words = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)
-    # Letters alone mean something only where they are the whole name: "key A" is no alpha, nor is "a1".
+    # Single letters count only as the whole name: "key A" is not alpha, and neither is "a1".
     words = [word for word in (*words, "".join(words)) if len(word) > 1] or [name]
     return any(NO_LIGHT.fullmatch(word) for word in words)
 
 
 def _named(layers: Sequence[Layer], wanted: str) -> list[Layer]:
-    """The layers that ``wanted`` may mean: by the label, by the layer's or the part's name, by the last part of it."""
+    """The layers that ``wanted`` may mean: by label, by the name of layer or part, or by the last word of it."""
     ways = (
         lambda layer: layer.label == wanted,
         lambda layer: wanted in layer.names,
@@ -207,11 +208,11 @@ def _listed(layers: Sequence[Layer]) -> str:
         channels = ", ".join(list(layer.channels)[:LISTED_CHANNELS])
         channels += ", ..." if len(layer.channels) > LISTED_CHANNELS else ""
         entries.append(one_line(f"{layer.label} ({channels})" if layer.label else channels))
-    return f"there is {_joined(entries)}"
+    return f"the file holds {_joined(entries)}"
 
 
 def _joined(entries: Sequence[str]) -> str:
-    """As many as a message has room for."""
+    """As many entries as fit in a message."""
     shown = list(entries[:LISTED_CHARACTERS])
     while len("; ".join(shown)) > LISTED_CHARACTERS and len(shown) > 1:
         del shown[-1]

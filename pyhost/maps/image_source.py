@@ -1,4 +1,4 @@
-"""What the readers of all formats share: an open file whose rows can be read, and the checks of its claims."""
+"""What the readers of all formats share: an open file whose rows can be read, and checks of its header's claims."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from ..errors import LightdomeError
 from ..float_range import LARGEST
 
 MAX_PIXELS = 2**30
-# The most values that a byte of a file can hold: in EXR, block transforms keep one value of 64, and deflate then packs
-# 2-byte values by up to 1032.
+# The most values that one byte of a file can hold. In EXR, block transforms keep one value of 64, and deflate then
+# packs the 2-byte values by up to 1032.
 DENSITY = 64 * 516
 
 
 @dataclass(frozen=True)
 class ImageSource:
-    """An open file of ``rows`` x ``columns`` pixels, as they lie in it.
+    """An open file of ``rows`` x ``columns`` pixels, as they are stored.
 
-    - ``read(first, end)``: those rows, (n, columns, 3) float32
+    - ``read(first, end)``: the rows ``first`` to ``end`` - 1, (n, columns, 3) float32
     - ``orientation``: where row 0 and column 0 are, as in EXIF: 1 top and left, 4 bottom and left, 5 left and top, ...
-    - ``together``: rows that the file packs together
-    - ``largest``: the largest finite value that its type holds: of half floats 65504, else float32's
+    - ``together``: how many rows the file packs together
+    - ``largest``: the largest finite value of the file's type: 65504 for half floats, else float32's
     - ``notes``: remarks for the user
-    - ``is_cube``: whether the file says that it is a cube map, as OpenEXR defines it
+    - ``is_cube``: whether the file says that it is a cube map, as defined by OpenEXR
     """
 
     rows: int
@@ -42,8 +42,7 @@ class ImageSource:
 def check_size(path: Path, rows: int, columns: int, channels: int) -> None:
     """Raise :class:`LightdomeError` for a size that cannot be used.
 
-    A header that claims more than a file of its bytes can hold is a lie, and believing it would cost the memory that it
-    claims.
+    That includes a size too large for the file's bytes: to believe such a header would cost the memory that it claims.
     """
     if min(rows, columns, channels) < 1 or rows * columns > MAX_PIXELS:
         raise LightdomeError(f"{path}: cannot use an image of {columns} x {rows} pixels, {channels} channels")

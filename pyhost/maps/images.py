@@ -1,17 +1,17 @@
-"""Read and write images; tone-map radiance for the eye.
+"""Read and write images; tone-map radiance for display.
 
-Arrays are (H, W, 3) with row 0 at the top, whatever the file's own order of rows. The readers,
-:mod:`lightdome.maps.exr` with :mod:`lightdome.maps.exr_layers`, :mod:`lightdome.maps.radiance_hdr` and
-:mod:`lightdome.maps.pfm`, say what they read and what they refuse. In short:
+Arrays are (H, W, 3) with row 0 at the top, whatever the order of rows in the file. The readers
+(:mod:`lightdome.maps.exr` with :mod:`lightdome.maps.exr_layers`, :mod:`lightdome.maps.radiance_hdr`, and
+:mod:`lightdome.maps.pfm`) say what they read and what they refuse. In short:
 
-- EXR: R, G, B of the default layer, else its Y as grey, else the only colour layer over all parts, or the layer that
-  the caller names; half, float and UINT; luminance-chroma at full resolution. Depth, alpha or albedo is never light.
-- HDR: RGBE in all eight orientations, scan lines packed, plain or with old-style run lengths; ``EXPOSURE`` and
-  ``COLORCORR`` are divided out; XYZE is refused.
-- PFM: ``PF``, ``Pf`` (grey) and ``PF4`` (without its fourth channel), in both byte orders, times its scale.
+- EXR: R, G, B of the default layer, else its Y as grey, else the only colour layer of all parts, or the layer that the
+  caller names; half, float and UINT; luminance-chroma at full resolution. Depth, alpha and albedo are never light.
+- HDR: RGBE in all eight orientations, with scan lines that are packed, plain or have old-style run lengths;
+  ``EXPOSURE`` and ``COLORCORR`` are divided out; XYZE is refused.
+- PFM: ``PF``, ``Pf`` (grey) and ``PF4`` (without its fourth channel), in both byte orders, times the scale.
 
-Reading takes memory for what a file holds, whatever its header claims: the values of its three channels at
-4 bytes each, up to three times; :class:`ImageRows` reads as few rows at a time as you like.
+Memory is proportional to what a file holds, whatever its header claims: up to three times the values of its three
+channels at 4 bytes each. :class:`ImageRows` reads as few rows at a time as you like.
 """
 
 from __future__ import annotations
@@ -34,20 +34,20 @@ from .pfm import open_pfm
 from .radiance_hdr import open_hdr
 
 READABLE = (".pfm", ".exr", ".hdr")
-LINEAR, DISPLAYED = (".pfm", ".exr"), (".ppm", ".png")  # what is written
+LINEAR, DISPLAYED = (".pfm", ".exr"), (".ppm", ".png")  # the formats that are written
 BATCH_VALUES = 3 * 2**22
 
 
 def read_image(path: str | Path, layer: str | None = None, flip: bool = False) -> np.ndarray:
     """The radiance in a PFM, EXR or Radiance HDR file: (H, W, 3) float32, row 0 at the top.
 
-    ``layer`` names a layer of an EXR file, a part, or both as ``part.layer``. Without it the file must leave no doubt:
-    R, G and B of the default layer, else its Y as grey, else the only colour layer. With ``flip`` the rows come in
-    reverse, for a file that was written upside down. :class:`ImageRows` has the remarks that a file gives rise to, as
-    when its header changes the radiance.
+    ``layer`` names a layer of an EXR file, a part, or both as ``part.layer``. Without it the file must be unambiguous:
+    R, G and B of the default layer are taken, else its Y as grey, else the only colour layer. ``flip`` reverses the
+    rows, for a file that was written upside down. :class:`ImageRows` has remarks on the file, such as that its header
+    changes the radiance.
 
     Raises :class:`LightdomeError` for a file that is missing, truncated, damaged or of another kind, and for one whose
-    colour is not certain, with a list of its layers.
+    colour is ambiguous, with a list of its layers.
     """
     path, layer, flip = checks.path(path), checks.optional_text("layer", layer), checks.flag("flip", flip)
     with _opened(path, layer) as source:
@@ -56,17 +56,17 @@ def read_image(path: str | Path, layer: str | None = None, flip: bool = False) -
 
 
 class ImageRows:
-    """The rows of a file that :func:`read_image` reads, some at a time: memory for those, not for the image.
+    """The rows of a file that :func:`read_image` can read, some at a time, with memory only for those rows.
 
-    - ``height``, ``width``: of the image
-    - ``batch``: the most rows that :meth:`read` yields at once; by default they take 50 MB, or are as many as the file
-      packs together, such as a row of tiles
-    - ``largest``: the largest finite value that its type holds: of half floats 65504, else float32's
-    - ``notes``: remarks for the user: the layer that was taken, a factor in the header that was divided out, ...
-    - ``is_cube``: whether the file says that it is a cube map (OpenEXR's ``envmap``), whose rows are not to be had
+    - ``height``, ``width``: the image's
+    - ``batch``: the most rows that :meth:`read` yields at once; by default as many as take 50 MB, or as many as the
+      file packs together, such as a row of tiles
+    - ``largest``: the largest finite value of the file's type: 65504 for half floats, else float32's
+    - ``notes``: remarks for the user: which layer was taken, a factor in the header that was divided out, and so on
+    - ``is_cube``: whether the file says that it is a cube map (OpenEXR's ``envmap``), whose rows cannot be read
 
-    ``layer`` and ``flip`` are those of :func:`read_image`.
-    A file stored on its side is read whole nevertheless. Raises :class:`LightdomeError` as :func:`read_image` does.
+    ``layer`` and ``flip`` are as in :func:`read_image`. A file that is stored on its side is read all at once
+    nevertheless. Raises :class:`LightdomeError` as :func:`read_image` does.
     """
 
     def __init__(
@@ -89,10 +89,10 @@ class ImageRows:
         self.batch = batch or max(fitting - fitting % self._together, self._together)
 
     def read(self, rows: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Yield the radiance of ``rows``, ascending numbers, in batches: their numbers (n,), and (n, W, 3) float32.
+        """Yield the radiance of ``rows``, ascending numbers, in batches: row numbers (n,) and (n, W, 3) float32.
 
-        Batches come in the file's order, which may be bottom up. Other rows are not read where the format allows it.
-        Raises :class:`LightdomeError` for numbers that are not those of rows, or do not ascend, and for a cube map.
+        Batches come in the file's order, which may be bottom up. Other rows are skipped where the format allows it.
+        Raises :class:`LightdomeError` for numbers out of range or not ascending, and for a cube map.
         """
         if self.is_cube:
             raise LightdomeError(
@@ -115,19 +115,19 @@ class ImageRows:
         return ((batch, pixels[:, self._columns]) for batch, pixels in batches)
 
     def reorder(self, columns: np.ndarray) -> None:
-        """Let :meth:`read` yield the file's columns in the order of ``columns``, (W,) numbers.
+        """Let :meth:`read` yield the columns in the order of ``columns``, (W,) column numbers of the file.
 
-        Raises :class:`LightdomeError` where these are not all columns, each once.
+        Raises :class:`LightdomeError` unless ``columns`` holds each column exactly once.
         """
         columns = checks.array("columns", columns, (self.width,))
         in_file = np.arange(self.width)
         if not np.array_equal(np.sort(columns), in_file):
             raise LightdomeError(f"columns must hold each number from 0 to {self.width - 1} once")
-        # Each batch is copied where columns move.
+        # Batches are copied only if columns move.
         self._columns = None if np.array_equal(columns, in_file) else columns.astype(np.int64)
 
     def _read(self, rows: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """The same, before ``flip`` and :meth:`reorder`: row 0 is what the file says is the top."""
+        """As :meth:`read`, before ``flip`` and :meth:`reorder`: row 0 is the top, as the file says."""
         if self._on_its_side:
             image = read_image(self.path, self._layer)
             for begin in range(0, len(rows), self.batch):
@@ -148,7 +148,7 @@ class ImageRows:
                 yield self.height - 1 - batch[::-1] if bottom_up else batch, np.ascontiguousarray(pixels)
 
     def _spans(self, rows: np.ndarray) -> Iterator[tuple[int, int]]:
-        """Spans of whole packs, first row and end, that hold ``rows``; none is longer than a batch need be."""
+        """Spans (first row, end) of whole packs that cover ``rows``; none is longer than a batch has to be."""
         packs = np.unique(rows // self._together)
         most = max(1, self.batch // self._together)
         for run in np.split(packs, np.flatnonzero(np.diff(packs) > 1) + 1):
@@ -162,7 +162,7 @@ def _opened(path: Path, layer: str | None) -> Iterator[ImageSource]:
     """An open file of a kind that lightdome reads. Raises :class:`LightdomeError` for any other."""
     try:
         path.stat()
-        if not path.is_file():  # a pipe would block
+        if not path.is_file():  # opening a pipe would block
             raise LightdomeError(f"{path} is a folder or a device, not an image")
         with path.open("rb") as stream:
             start = stream.read(4)
@@ -171,7 +171,7 @@ def _opened(path: Path, layer: str | None) -> Iterator[ImageSource]:
     if path.suffix.lower() not in READABLE:
         raise LightdomeError(f"{path}: not a map that lightdome reads; give a .pfm, .exr or .hdr file")
 
-    # OpenImageIO would try all of its readers on a file of another kind, whatever its suffix.
+    # OpenImageIO would try all of its readers on any other file, whatever its suffix.
     if start == b"v/1\x01":
         source = open_exr(path, layer)
     elif layer is not None and start.startswith((b"PF", b"Pf", b"#?")):
@@ -181,13 +181,13 @@ def _opened(path: Path, layer: str | None) -> Iterator[ImageSource]:
     elif start.startswith(b"#?"):
         source = open_hdr(path)
     else:
-        raise LightdomeError(f"{path} is damaged or of another kind: it does not begin like a .pfm, .exr or .hdr file")
+        raise LightdomeError(f"{path} is damaged or of another kind: it does not start like a .pfm, .exr or .hdr file")
     with source as opened:
         yield opened
 
 
 def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
-    """Undo an orientation, which is numbered as in EXIF."""
+    """Undo an orientation, numbered as in EXIF."""
     if orientation >= 5:
         pixels = pixels.swapaxes(0, 1)
         orientation = {5: 1, 6: 2, 7: 3, 8: 4}.get(orientation, 1)
@@ -199,8 +199,9 @@ def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
 def auto_exposure(radiance: np.ndarray) -> float:
     """The factor that brings the 95th percentile of the pixels' largest channel to 1.
 
-    Black pixels do not count, since a sphere's background must not change its exposure; nor do infinite ones. A black
-    image has 1. Raises :class:`LightdomeError` for NaN, and for an array that does not hold real numbers.
+    Black pixels do not count, so that a sphere's background does not change its exposure; infinite ones do not either.
+    For a black image the factor is 1. Raises :class:`LightdomeError` for NaN, and for an array that does not hold real
+    numbers.
     """
     brightest = _numbers(radiance).max(axis=-1)
     lit = brightest[(brightest > 0) & (brightest < np.inf)]
@@ -216,8 +217,8 @@ def tone_map(radiance: np.ndarray, exposure: float, gamma: float = 2.2) -> np.nd
     exposure, gamma = checks.positive("the exposure", exposure), checks.positive("gamma", gamma)
     radiance = _numbers(radiance)
     result = np.empty(radiance.shape, np.uint8)
-    rows = max(1, BATCH_VALUES // max(1, radiance[0].size))  # at a time: float64 takes memory
-    with np.errstate(over="ignore"):  # to white
+    rows = max(1, BATCH_VALUES // max(1, radiance[0].size))  # at a time, because float64 takes memory
+    with np.errstate(over="ignore"):  # too large becomes white
         for first in range(0, len(radiance), rows):
             part = slice(first, first + rows)
             scaled = np.clip(radiance[part].astype(np.float64) * exposure, 0.0, 1.0)
@@ -226,7 +227,7 @@ def tone_map(radiance: np.ndarray, exposure: float, gamma: float = 2.2) -> np.nd
 
 
 def _numbers(radiance: np.ndarray) -> np.ndarray:
-    """Radiance in an array of any shape but an empty one, without NaN."""
+    """Radiance as a non-empty array of any shape, without NaN."""
     radiance = checks.array("radiance", radiance)
     if radiance.size == 0 or radiance.ndim == 0:
         raise LightdomeError(f"radiance must be an array with at least one pixel, got shape {radiance.shape}")
@@ -236,11 +237,11 @@ def _numbers(radiance: np.ndarray) -> np.ndarray:
 
 
 def write_image(path: str | Path, pixels: np.ndarray, *, is_cube: bool = False) -> None:
-    """Write (H, W, 3) pixels, row 0 at the top: radiance, floating point, as .pfm or .exr, uint8 as .ppm or .png.
+    """Write (H, W, 3) pixels, row 0 at the top: floating-point radiance as .pfm or .exr, uint8 as .ppm or .png.
 
-    Radiance is written as it is, in single precision. With ``is_cube`` an .exr file says ``envmap = cube``, as suits
-    the projection ``cube-openexr`` alone. The file appears only when it is complete. Raises
-    :class:`LightdomeError` for other types, shapes and suffixes, and where the file cannot be written.
+    Radiance is written unchanged, in single precision. With ``is_cube``, an .exr file says ``envmap = cube``, which
+    suits only the projection ``cube-openexr``. The file appears only when it is complete. Raises
+    :class:`LightdomeError` for other types, shapes and suffixes, and if the file cannot be written.
     """
     path = checks.path(path)
     suffix = path.suffix.lower()
@@ -271,7 +272,7 @@ def write_image(path: str | Path, pixels: np.ndarray, *, is_cube: bool = False) 
     if is_cube:
         spec.attribute("textureformat", "CubeFace Environment")
     with replacing(path) as temporary:
-        if suffix == ".pfm":  # OpenImageIO before 3.2 scrambles those larger than 64 MiB
+        if suffix == ".pfm":  # OpenImageIO before 3.2 scrambles files larger than 64 MiB
             with temporary.open("wb") as stream:
                 stream.write(b"PF\n%d %d\n-1.0000\n" % (width, height))
                 stream.write(np.ascontiguousarray(pixels[::-1], "<f4").data)

@@ -1,4 +1,4 @@
-"""Opening files with OpenImageIO, and what it says went wrong."""
+"""Open files with OpenImageIO, and report what it says went wrong."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def open_input(path: Path) -> oiio.ImageInput | None:
 
 
 def reason(geterror: Callable[[], str]) -> str:
-    """One line of OpenImageIO's message, which may quote bytes of a damaged file that are not text."""
+    """One line of OpenImageIO's message, which may quote arbitrary bytes of a damaged file."""
     try:
         return one_line(geterror())
     except UnicodeDecodeError as error:

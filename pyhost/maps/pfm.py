@@ -1,10 +1,10 @@
-"""Read PFM files: magic, header and the file's size must agree before any value is used.
+"""Read PFM files; the magic word, the header and the file's size must agree before any value is used.
 
-The header is three words: ``PF`` (three channels), ``Pf`` (one, read as grey) or ``PF4`` (four, the last is left
-out); the width and the height; the scale, whose sign gives the order of bytes, negative for little endian. Values are
-multiplied by its magnitude. Words are separated by white space and by comments from ``#`` to the end of a line. The
-scale is followed by one character of white space, or by the rest of its line: spaces, a comment, and LF or CRLF. Then
-come the pixels, 4 bytes per value, bottom row first.
+The header starts with ``PF`` (three channels), ``Pf`` (one channel, read as grey) or ``PF4`` (four channels, of which
+the last is ignored). Then come the width, the height, and the scale. The sign of the scale gives the byte order,
+negative for little endian; values are multiplied by its magnitude. Words are separated by white space and by comments,
+which run from ``#`` to the end of a line. After the scale comes one white-space character, or the rest of its line:
+spaces, a comment, and LF or CRLF. Then come the pixels, 4 bytes per value, bottom row first.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ BOTTOM_UP = 4
 
 @contextmanager
 def open_pfm(path: Path) -> Iterator[ImageSource]:
-    """An open PFM file. Raises :class:`LightdomeError` where its header is wrong or does not fit its size."""
+    """An open PFM file. Raises :class:`LightdomeError` if its header is wrong or does not fit the file's size."""
     with path.open("rb") as file:
         start = file.read(HEADER_BYTES)
         header = HEADER.match(start)
@@ -57,13 +57,13 @@ def open_pfm(path: Path) -> Iterator[ImageSource]:
         row_bytes = columns * channels * number.itemsize
         first_byte = path.stat().st_size - rows * row_bytes
         gap = start[header.end() : first_byte] if header.end() < first_byte <= len(start) else b""
-        # One white space may be all, unless a new line follows: then a byte of the pixels is missing.
+        # A gap of one white-space character is valid, unless a new line follows: then the pixels lack a byte.
         a_byte_short = b"\n" in start[: header.end()] and start[first_byte:].startswith(b"\n")
         if not (AFTER_SCALE.fullmatch(gap) or (len(gap) == 1 and gap.isspace() and not a_byte_short)):
             raise damaged(
                 path,
-                f"{columns} x {rows} pixels take {rows * row_bytes} bytes, but its header is followed by"
-                f" {path.stat().st_size - header.end() - 1}",
+                f"{columns} x {rows} pixels take {rows * row_bytes} bytes, but the file has after its header"
+                f" {path.stat().st_size - header.end() - 1} bytes",
             )
 
         def read(first: int, end: int) -> np.ndarray:

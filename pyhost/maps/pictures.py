@@ -1,4 +1,4 @@
-"""What a notebook shows: maps and images, tone mapped, and directions on a map without light."""
+"""Pictures for a notebook: maps and images, tone mapped, and directions on an unlit map."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import numpy as np
 
 from .. import checks
 from .images import auto_exposure, tone_map, write_image
-from .markers import mark_pixels
+from .markers import mark_picture
 
-WIDTH = 1024  # of a picture at most: of a wider image it has every second pixel, or every third, ...
+WIDTH = 1024  # largest width of a picture; of a wider image it shows every second pixel, or every third, ...
 OF_DIRECTIONS = (256, 512)  # height and width
-MARK = 5  # side of a mark
-GREY, BLUE = 40, (0, 0, 255)
+MARK = 5  # side of a marker
+GREY = 40
 
 
 class Picture:
-    """8-bit ``pixels`` (H, W, 3) that a notebook shows where they are the value of a cell."""
+    """8-bit ``pixels`` (H, W, 3), which a notebook shows when they are the value of a cell."""
 
     def __init__(self, pixels: np.ndarray) -> None:
         self.pixels = pixels
@@ -37,11 +37,11 @@ class Picture:
 def show(
     image: np.ndarray, pixel: np.ndarray | None = None, exposure: float | None = None, gamma: float = 2.2
 ) -> Picture:
-    """An image for a notebook: radiance (H, W, 3), tone mapped as by :func:`tone_map`, or 8-bit values as they are.
+    """An image for a notebook: radiance (H, W, 3), tone-mapped as by :func:`tone_map`, or 8-bit values unchanged.
 
-    ``pixel``, (N, 2) as :class:`Samples` has it, are marked in blue. The exposure is that of :func:`auto_exposure`
-    unless one is given. An image that is wider than 1024 pixels is shown smaller. Raises :class:`LightdomeError` for
-    other shapes, and for pixels outside the image.
+    ``pixel``, (N, 2) as in :class:`Samples`, are marked in blue with a white outline. The default exposure is that of
+    :func:`auto_exposure`. An image wider than 1024 pixels is shown smaller. Raises :class:`LightdomeError` for other
+    shapes, and for pixels outside the image.
     """
     image = checks.array("an image", image, ("H", "W", 3))
     step = max(1, -(-image.shape[1] // WIDTH))
@@ -50,12 +50,12 @@ def show(
         image = tone_map(image, auto_exposure(image) if exposure is None else exposure, gamma)
     if pixel is not None:
         image = image.copy()
-        mark_pixels(image, checks.array("pixel", pixel, ("N", 2)) // step, MARK, BLUE)
+        mark_picture(image, checks.array("pixel", pixel, ("N", 2)) // step, MARK)
     return Picture(image)
 
 
 def show_directions(direction: np.ndarray, light: np.ndarray) -> Picture:
-    """Directions (N, 3) as squares on a grey map, each in the colour of its ``light``, (N, 3), and of no brightness."""
+    """Directions (N, 3) as squares on a grey map, in the hue of their ``light`` (N, 3), whatever its brightness."""
     height, width = OF_DIRECTIONS
     x, y, z = direction.astype(np.float64).T
     row = np.minimum(np.arctan2(np.hypot(x, z), y) * (height / np.pi), height - 1).astype(np.int64)

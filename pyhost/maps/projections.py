@@ -1,27 +1,27 @@
 """Projections: how the pixels of a square, a cross or a strip cover the sphere of directions.
 
-A projection maps positions in an image of ``shape`` (H, W) to directions and back. Positions are in pixels: x from
-the left edge, y from the top one, so that the pixel in row j and column i has its centre at (i + 1/2, j + 1/2).
-Directions are lightdome's, unit vectors with +y up; "looks along -z" says that the middle of an image, or of a face,
-shows the direction -z with +x to its right and +y at its top, as a camera would see it.
+A projection maps positions in an image of ``shape`` (H, W) to directions and back. Positions are in pixels, x from the
+left edge and y from the top edge, so the pixel in row j and column i has its centre at (i + 1/2, j + 1/2). Directions
+are lightdome's: unit vectors with +y up. "Looks along -z" means that the middle of an image, or of a face, shows the
+direction -z, with +x on its right and +y at its top, as a camera would see it.
 
-- ``latlong``, 2:1: x is phi, y is theta, see :mod:`lightdome.maps.geometry`; the middle is -x, a quarter from the
-  right -z.
-- ``angular``, 1:1: a disc that looks along -z; the distance from its middle is the angle to -z, pi on the rim:
-  r = acos(-z) / pi. Debevec, Light Probe Image Gallery (1998), who writes acos(z) where his text turns from -z.
-- ``mirror``, 1:1: a mirrored ball from afar, r = sin(acos(-z) / 2), as skylibs has it: its middle shows -z, to the
-  right is +x. A photograph of a ball shows left and right exchanged. Equal areas are equal solid angles.
-- ``cube-cross``, 3:4, and ``cube-cross-horizontal``, 4:3: faces left, front (-z), right, with up and down above and
-  below the front; the back is below that, upside down, or to the right of the right face. As HDRShop has it.
-- ``cube-strip``, 1:6, and ``cube-strip-horizontal``, 6:1: the faces +x, -x, +y, -y, +z, -z, each as it is seen from
-  inside. +y and -y have +x to the right, +y has -z at its bottom, -y at its top.
-- ``cube-openexr``, 1:6: the same faces, as OpenEXR defines ``envmap = cube`` (``ImfEnvmap.cpp``): the centres of the
-  outer pixels of a face lie on its edges, so these are half pixels.
-- ``octahedral``, 1:1: the equal-area square of PBRT-v4, its middle +y, its right side +x and its lower side +z; see
+- ``latlong``, 2:1: x is phi, y is theta, see :mod:`lightdome.maps.geometry`. The middle shows -x; -z is three quarters
+  of the way from left to right.
+- ``angular``, 1:1: a disc that looks along -z. The distance from the middle is the angle to -z, pi on the rim:
+  r = acos(-z) / pi. Debevec, Light Probe Image Gallery (1998), which writes acos(z) where its text turns away from -z.
+- ``mirror``, 1:1: a mirrored ball seen from afar, r = sin(acos(-z) / 2), as in skylibs: the middle shows -z, and +x is
+  on the right. (A photograph of a ball has left and right exchanged.) Equal areas are equal solid angles.
+- ``cube-cross``, 3:4, and ``cube-cross-horizontal``, 4:3: the faces left, front (-z) and right in a row, with up above
+  and down below the front. The back is below that, upside down, or to the right of the right face. As in HDRShop.
+- ``cube-strip``, 1:6, and ``cube-strip-horizontal``, 6:1: the faces +x, -x, +y, -y, +z, -z, each seen from inside. +y
+  and -y have +x on their right; +y has -z at its bottom, -y has -z at its top.
+- ``cube-openexr``, 1:6: the same faces, as OpenEXR defines ``envmap = cube`` (``ImfEnvmap.cpp``): the centres of a
+  face's outer pixels lie on its edges, so that these are half pixels.
+- ``octahedral``, 1:1: PBRT-v4's equal-area square. The middle shows +y, the right side +x and the lower side +z; see
   :mod:`lightdome.pbrt.equal_area`.
 
-Of a disc the pixels are used whose centres lie in it. What lies in the disc beyond them counts to the neighbour
-towards the middle, so that the solid angles of the used pixels sum to 4 pi.
+A disc uses the pixels whose centres lie in it. Other parts of the disc count towards the neighbouring pixel closer to
+the middle, so that the solid angles of the used pixels sum to 4 pi.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from .. import checks
 from . import geometry
 from .image_source import MAX_PIXELS
 
-NODES = 6  # of Gauss-Legendre quadrature along the side of a pixel
+NODES = 6  # nodes of Gauss-Legendre quadrature along the side of a pixel
 TINY = 1e-300
 
 
@@ -48,7 +48,7 @@ class Projection(ABC):
     aspect: tuple[int, int]
 
     def shape(self, size: int) -> tuple[int, int]:
-        """(H, W) of an image of this ``size``: the side of a square or of a cube's face, or the rows of a latlong."""
+        """(H, W) of an image of this ``size``: the side of a square or cube face, or a latlong's rows."""
         largest = math.isqrt(MAX_PIXELS // (self.aspect[0] * self.aspect[1]))
         size = checks.whole(f"the size of the {self.name} map", size, self.smallest, largest)
         return self.aspect[1] * size, self.aspect[0] * size
@@ -60,18 +60,18 @@ class Projection(ABC):
 
     @property
     def smallest(self) -> int:
-        """The least size."""
+        """The smallest size."""
         return 1
 
     @property
     def tiles(self) -> tuple[int, int]:
-        """Rows and columns of parts within which neighbours in the image are neighbours on the sphere."""
+        """Rows and columns of tiles within which neighbours in the image are neighbours on the sphere."""
         return 1, 1
 
     @property
     @abstractmethod
     def coverage(self) -> float:
-        """Used pixels of an image of size 1, about."""
+        """Roughly, the number of used pixels divided by the square of the size."""
 
     @abstractmethod
     def directions(self, x: np.ndarray, y: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -83,14 +83,14 @@ class Projection(ABC):
 
     @abstractmethod
     def density(self, x: np.ndarray, y: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-        """Steradians per area of a pixel at positions ``x``, ``y``; 0 where the image is not used."""
+        """Steradians per pixel area at positions ``x``, ``y``; 0 where the image is unused."""
 
     @abstractmethod
     def solid_angles(self, shape: tuple[int, int]) -> np.ndarray:
-        """Solid angles of the pixels, (H, W) float64, steradians, 0 for pixels that are not used; the sum is 4 pi."""
+        """Solid angles of the pixels, (H, W) float64, steradians, 0 for unused pixels; they sum to 4 pi."""
 
     def owners(self, shape: tuple[int, int]) -> np.ndarray | None:
-        """To which pixel each one counts, (H W,) indices in the order of rows; None where each stands for itself."""
+        """The pixel that each pixel counts towards, (H W,) indices row by row; None if each counts as itself."""
         return None
 
     def used(self, shape: tuple[int, int]) -> np.ndarray:
@@ -128,7 +128,7 @@ class LatLong(Projection):
 
 @dataclass(frozen=True)
 class _Disc(Projection):
-    """A disc round -z: r is the distance from its middle, 1 on its rim."""
+    """A disc around -z; r is the distance from its middle, 1 on its rim."""
 
     @property
     def coverage(self) -> float:
@@ -136,11 +136,11 @@ class _Disc(Projection):
 
     @abstractmethod
     def _polar(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """sin(theta) / r and cos(theta) of the angle theta to -z."""
+        """sin(theta) / r and cos(theta), where theta is the angle to -z."""
 
     @abstractmethod
     def _radius(self, sine: np.ndarray, cosine: np.ndarray) -> np.ndarray:
-        """r for that angle."""
+        """r for the angle to -z with this sine and cosine."""
 
     @abstractmethod
     def _per_area(self, r: np.ndarray) -> np.ndarray:
@@ -148,7 +148,7 @@ class _Disc(Projection):
 
     @abstractmethod
     def _cap(self, r: np.ndarray) -> np.ndarray:
-        """(1 - cos theta) / r^2: the solid angle within r, over 2 pi r^2."""
+        """(1 - cos(theta)) / r^2: the solid angle within r, divided by 2 pi r^2."""
 
     def directions(self, x: np.ndarray, y: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
         across, up = np.broadcast_arrays(2 * x / shape[1] - 1, 1 - 2 * y / shape[0])
@@ -174,7 +174,7 @@ class _Disc(Projection):
         return np.bincount(owners, whole.ravel(), whole.size).reshape(shape)
 
     def _within_disc(self, side: int) -> np.ndarray:
-        """Solid angle of what each pixel has of the disc: by Green, of (1 - cos theta) d psi round the pixel."""
+        """Solid angle of each pixel's part of the disc, by Green's theorem: (1 - cos(theta)) d psi around it."""
         edge = np.linspace(-1, 1, side + 1)
         level, begin, end = edge[:, None], edge[:-1], edge[1:]
         chord = np.sqrt(np.maximum(0, 1 - level**2))
@@ -191,7 +191,7 @@ class _Disc(Projection):
     def owners(self, shape: tuple[int, int]) -> np.ndarray:
         side = shape[0]
         j, i = np.indices(shape)
-        for _ in range(4):  # more than enough for pixels that reach into the disc and their neighbours
+        for _ in range(4):  # more than enough for pixels that reach into the disc
             down, right = 2 * j + 1 - side, 2 * i + 1 - side
             outside = down**2 + right**2 > side**2
             steep = np.abs(down) >= np.abs(right)
@@ -202,7 +202,7 @@ class _Disc(Projection):
 
 @dataclass(frozen=True)
 class Angular(_Disc):
-    """r is the angle to -z, over pi."""
+    """r is the angle to -z, divided by pi."""
 
     def _polar(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return np.pi * np.sinc(r), np.cos(np.pi * r)
@@ -225,7 +225,7 @@ class Mirror(_Disc):
         return 2 * np.sqrt(1 - r * r), 1 - 2 * r * r
 
     def _radius(self, sine: np.ndarray, cosine: np.ndarray) -> np.ndarray:
-        # Half of 1 - cosine, without its cancellation.
+        # Half of 1 - cosine, without cancellation.
         return np.where(cosine > 0, sine / np.sqrt(2 * (1 + np.abs(cosine))), np.sqrt((1 - cosine) / 2))
 
     def _per_area(self, r: np.ndarray) -> np.ndarray:
@@ -235,7 +235,7 @@ class Mirror(_Disc):
         return np.full_like(r, 2.0)
 
 
-# What lies in the middle of each face, to its right, and below.
+# The directions in the middle of each face, to its right, and below.
 _FACES = {
     "+x": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
     "-x": ((-1, 0, 0), (0, 0, -1), (0, -1, 0)),
@@ -249,9 +249,9 @@ _FACES = {
 
 @dataclass(frozen=True)
 class Cube(Projection):
-    """Six faces in rows and columns: ``faces`` names them, None where there is none.
+    """Six faces in rows and columns: ``faces`` names them, with None for an empty place.
 
-    ``on_edges``: the centres of a face's outer pixels lie on its edges.
+    With ``on_edges``, the centres of a face's outer pixels lie on its edges.
     """
 
     faces: tuple[tuple[str | None, ...], ...]
@@ -270,14 +270,14 @@ class Cube(Projection):
         return 6.0
 
     def _face(self, shape: tuple[int, int]) -> tuple[int, float, float]:
-        """Pixels of a side; position of the face's edge in it, and pixels from edge to edge."""
+        """The side in pixels, the position of the face's edge in it, and the pixels from edge to edge."""
         side = shape[0] // len(self.faces)
         return (side, 0.5, side - 1.0) if self.on_edges else (side, 0.0, float(side))
 
     def _in_face(
         self, x: np.ndarray, y: np.ndarray, shape: tuple[int, int]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Number of the face in rows, and the position in it, from -1 to 1, to the right and down."""
+        """The face's number, row by row, and the position in it, from -1 to 1 to the right and down."""
         side, start, span = self._face(shape)
         rows, columns = self.tiles
         x, y = np.broadcast_arrays(x, y)
@@ -306,7 +306,7 @@ class Cube(Projection):
                     vector = direction[here] / size[here][:, along, None]
                     for at, n, axis_to in ((x, column, to_right), (y, row, to_bottom)):
                         exact = n * side + start + span * (1 + vector @ axis_to) / 2
-                        at[here] = np.minimum(exact, np.nextafter((n + 1) * side, 0))  # not in the next face
+                        at[here] = np.minimum(exact, np.nextafter((n + 1) * side, 0))  # not into the next face
         return x, y
 
     def density(self, x: np.ndarray, y: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -326,7 +326,7 @@ class Cube(Projection):
 
 @dataclass(frozen=True)
 class Octahedral(Projection):
-    """Equal areas: Clarberg (2008); Pharr, Jakob, Humphreys, 4th ed., 3.8.3, whose z is lightdome's y."""
+    """PBRT-v4's equal-area square: Clarberg (2008); Pharr, Jakob, Humphreys, 4th ed., 3.8.3; their z is our y."""
 
     @property
     def coverage(self) -> float:

@@ -1,15 +1,16 @@
-"""Read Radiance HDR (RGBE) files, as Radiance's document of the format and its ``header.c`` and ``color.c`` say.
+"""Read Radiance HDR (RGBE) files, following Radiance's format document and its ``header.c`` and ``color.c``.
 
-The header is lines of text up to an empty one: ``#?`` and any word first, then lines in any order and number.
-``FORMAT=32-bit_rle_rgbe`` may be missing. ``EXPOSURE=`` and ``COLORCORR=`` are factors by which the radiance was
-multiplied; there may be several such lines, and all of them are divided out. Spaces round ``=`` and any case are
-allowed. A line that begins with white space describes a picture that this one was made from, and is ignored. The line
-of the size comes last, in any of its eight orientations.
+The header is lines of text up to an empty line. The first is ``#?`` and any word; the others may come in any order and
+number. ``FORMAT=32-bit_rle_rgbe`` may be missing. ``EXPOSURE=`` and ``COLORCORR=`` are factors by which the radiance
+was multiplied; there may be several such lines, and all are divided out. Spaces around ``=`` and any case are allowed.
+A line that begins with white space describes a picture that this one was made from, and is ignored. The size comes
+last, in any of its eight orientations.
 
-Each scan line is packed by component (it begins with 2 2), or plain pixels, or plain pixels with old-style run
-lengths: pixels (1, 1, 1, n) repeat the one before n times, and n counts 256 times as much in each that follows another.
-OpenImageIO takes the last for pixels, confuses two of the orientations, ignores both factors, and refuses many valid
-headers. So only what it cannot get wrong is left to it, for speed: packed lines below a header that it knows.
+A scan line is packed by component (it begins with 2 2), or is plain pixels, or plain pixels with old-style run lengths:
+a pixel (1, 1, 1, n) repeats the pixel before it n times, and in each such pixel that follows another, n counts 256
+times as much. OpenImageIO mistakes run lengths for pixels, confuses two of the orientations, ignores both factors, and
+refuses many valid headers. So it is used, for speed, only where it cannot go wrong: for packed lines below a header
+that it is known to read.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ SCALES[0] = 0
 
 @dataclass(frozen=True)
 class Header:
-    """What a header says: scan lines, pixels in one, where they lie (as in EXIF), and what divides R, G and B."""
+    """A header's content: scan lines, pixels per line, orientation (as in EXIF), and the divisors of R, G and B."""
 
     rows: int
     columns: int
@@ -81,10 +82,10 @@ def open_hdr(path: Path) -> Iterator[ImageSource]:
 
 
 def read_header(path: Path, start: bytes) -> Header:
-    """The header at the start of a file of that path."""
+    """The header of the file ``path``, whose first bytes are ``start``."""
     lines = [line.rstrip(b"\r").decode("latin-1") for line in start.split(b"\n")]
     if "" not in lines[:-2]:
-        raise damaged(path, "its header has no end, an empty line and the line of its size, in the first MiB")
+        raise damaged(path, "its header does not end, with an empty line and the size, within the first MiB")
     end = lines.index("")
     header_bytes = sum(len(line) + 1 for line in start.split(b"\n", end + 2)[:-1])
 
@@ -116,7 +117,7 @@ def read_header(path: Path, start: bytes) -> Header:
         said.append(f"{name}={' '.join(words)}")
     if (divisor != 1).any():
         if not (np.isfinite(divisor) & (divisor > 0)).all():
-            raise LightdomeError(f"{path}: its {' and '.join(said[:4])} together leave the range of numbers")
+            raise LightdomeError(f"{path}: its {' and '.join(said[:4])} together exceed the range of numbers")
         by = " ".join(f"{d:g}" for d in (divisor[:1] if (divisor == divisor[0]).all() else divisor))
         more = f" and {len(said) - 4} more" if len(said) > 4 else ""
         notes.append(f"note: the radiance in {path} is divided by {by}: its header says {', '.join(said[:4])}{more}")
@@ -130,13 +131,13 @@ def read_header(path: Path, start: bytes) -> Header:
 
 def _check_format(path: Path, value: str) -> None:
     if value.lower() == "32-bit_rle_xyze":
-        # Radiance means watts times 179 and a white of equal energy, other programs Rec. 709's matrix as it is.
+        # Radiance means watts times 179 and equal-energy white; other programs apply Rec. 709's matrix as it is.
         raise LightdomeError(
-            f"{path} holds CIE XYZ (FORMAT=32-bit_rle_xyze), on whose white and scale programs do not agree; convert it"
-            " to RGB, with ra_xyze -r of Radiance for one"
+            f"{path} holds CIE XYZ (FORMAT=32-bit_rle_xyze), and programs disagree on its white and scale; convert it"
+            " to RGB, for example with Radiance's ra_xyze -r"
         )
     if value.lower() != "32-bit_rle_rgbe":
-        raise LightdomeError(f"{path}: its FORMAT is {quoted(value)}, and lightdome reads 32-bit_rle_rgbe")
+        raise LightdomeError(f"{path}: expected the FORMAT 32-bit_rle_rgbe, got {quoted(value)}")
 
 
 def _is_packed(data: bytes, at: int, columns: int) -> bool:
@@ -144,20 +145,20 @@ def _is_packed(data: bytes, at: int, columns: int) -> bool:
 
 
 def _blocks(first: int, end: int, columns: int) -> Iterator[tuple[int, int]]:
-    """The rows in blocks, first row and end, so that temporary arrays stay small."""
+    """Yield blocks of rows (first, end) that keep temporary arrays small."""
     size = max(1, BLOCK_PIXELS // columns)
     for begin in range(first, end, size):
         yield begin, min(begin + size, end)
 
 
 class _QuickLines:
-    """Scan lines that OpenImageIO reads, as long as it cannot have got one wrong."""
+    """Scan lines read by OpenImageIO, as long as it cannot have got one wrong."""
 
     def __init__(self, path: Path, header: Header) -> None:
         self._file = open_input(path)
         self._columns = header.columns
         self._next = 0
-        oiio.geterror()  # clears it: what OpenImageIO cannot open is no fault of the file
+        oiio.geterror()  # clear it: if OpenImageIO cannot open the file, that is not the file's fault
         if self._file and (self._file.spec().height, self._file.spec().width) != (header.rows, header.columns):
             self.close()
 
@@ -167,8 +168,8 @@ class _QuickLines:
             self._file = None
 
     def read(self, first: int, end: int) -> np.ndarray | None:
-        """Rows ``first`` to ``end``, (n, columns, 3) float32, or None where OpenImageIO is not to be trusted."""
-        # One line taken wrongly shifts all after it, so those that are left out are looked at too.
+        """Rows ``first`` to ``end``, (n, columns, 3) float32, or None if OpenImageIO cannot be trusted with them."""
+        # A misread line shifts all lines after it, so skipped lines are checked too.
         for begin, stop in _blocks(self._next if self._next <= first else 0, first, self._columns):
             self._read(begin, stop)
         return self._read(first, end)
@@ -183,7 +184,7 @@ class _QuickLines:
 
 
 class _ScanLines:
-    """The scan lines of an open file, one after the other."""
+    """The scan lines of an open file, in sequence."""
 
     def __init__(self, path: Path, file: BinaryIO, header: Header) -> None:
         self._path = path
@@ -199,14 +200,14 @@ class _ScanLines:
         self._next = 0
 
     def go_to(self, row: int) -> None:
-        """Make ``row`` the next; those before it have to be unpacked to find where it begins."""
+        """Make ``row`` the next to read; the rows before it have to be unpacked to find where it begins."""
         if row < self._next:
             self._rewind()
         while self._next < row:
             self.read(1)
 
     def read(self, count: int) -> np.ndarray:
-        """The next scan lines by component, (count, 4, columns) uint8."""
+        """The next ``count`` scan lines by component, (count, 4, columns) uint8."""
         columns = self._header.columns
         result = np.empty((count, 4, columns), np.uint8)
         for line in result:
@@ -222,7 +223,7 @@ class _ScanLines:
         return result
 
     def _fill(self) -> None:
-        """Have a whole scan line in memory, if the file has one: with runs, at most 4 records per pixel."""
+        """Load a whole scan line, if the file has one: with runs, at most 4 records per pixel."""
         most = 16 * self._header.columns + 64
         if self._left > 0 and len(self._data) - self._at < most:
             more = self._file.read(min(self._left, max(most, READ_BYTES)))
@@ -233,7 +234,7 @@ class _ScanLines:
     def _unpack(self, line: np.ndarray) -> None:
         data, at, columns = self._data, self._at, self._header.columns
         if data[at + 2] * 256 + data[at + 3] != columns:
-            raise damaged(self._path, f"scan line {self._next} says another length")
+            raise damaged(self._path, f"scan line {self._next} gives another length")
         at += 4
         for component in line:
             parts = []
@@ -248,10 +249,10 @@ class _ScanLines:
                     parts.append(data[at + 1 : at + 1 + count])
                     at += 1 + count
                 else:
-                    raise damaged(self._path, f"a run of no length in scan line {self._next}")
+                    raise damaged(self._path, f"scan line {self._next} has a run of length 0")
                 found += count
             if found > columns:
-                raise damaged(self._path, f"a run leaves scan line {self._next}")
+                raise damaged(self._path, f"a run exceeds scan line {self._next}")
             values = b"".join(parts)
             if len(values) < columns:
                 raise IndexError
@@ -281,13 +282,13 @@ class _ScanLines:
         if last == len(ends):
             raise IndexError
         if ends[last] > columns:
-            raise damaged(self._path, f"a run leaves scan line {self._next}")
+            raise damaged(self._path, f"a run exceeds scan line {self._next}")
         self._at += 4 * (last + 1)
         return np.repeat(records[pixel[: last + 1]], counts[: last + 1], axis=0).T
 
 
 def _has_old_runs(pixels: np.ndarray) -> bool:
-    """Whether any of OpenImageIO's pixels could be a (1, 1, 1, n); a grey power of two could be one too."""
+    """Whether any pixel from OpenImageIO could be a run (1, 1, 1, n), though it may be a grey power of two."""
     bits = pixels.view(np.uint32).reshape(-1, 3)
     red = bits[:, 0]
     power = (((red & 0x7FFFFF) == 0) | (red < 0x800000)) & (red != 0)
@@ -295,7 +296,7 @@ def _has_old_runs(pixels: np.ndarray) -> bool:
 
 
 def _radiance(rgbe: np.ndarray, out: np.ndarray) -> None:
-    """Write the values of scan lines by component, (n, 4, W) uint8, into (n, W, 3) float32."""
+    """Write the radiance of scan lines by component, (n, 4, W) uint8, into ``out``, (n, W, 3) float32."""
     scale = SCALES[rgbe[:, 3]]
     for c in range(3):
         np.multiply(rgbe[:, c], scale, out=out[..., c])

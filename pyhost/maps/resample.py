@@ -1,17 +1,17 @@
-"""Resample a map onto other pixels, in another projection or turned, with no flux lost.
+"""Resample a map onto other pixels, in another projection or rotated, without losing flux.
 
-A pixel of the result is the mean of the source over it. How much of pixel s lies in pixel t is found from points
-that fill both images evenly, k x k in a pixel. Each stands for a small square of solid angle a and is shared by the
-two pixels, or four, that the square touches. Where both images have points, with squares a of this image and a' of the
-other, they weigh a / (1 + (a / a')^3): the finer points decide, which at the pole of a latitude-longitude image are its
-own. This leaves an overlap w(s, t) with errors of a percent or so in its sums over s and over t, which must be the
-solid angles W(t) and W(s). So it is balanced: with
+A pixel of the result is the mean of the source over its area. How much of source pixel s lies in target pixel t is
+found from points that fill both images evenly, k x k per pixel. Each point stands for a small square of solid angle a,
+which is shared by the two or four pixels that it touches. Where the points of both images meet, with squares a in one
+and a' in the other, a point weighs a / (1 + (a / a')^3): the finer points decide, which at the pole of a
+latitude-longitude image are its own. The resulting overlap w(s, t) has errors of about a percent in its sums over s and
+over t, which must be the solid angles W(t) and W(s). So it is balanced, with
 
-    b(t) = W(t) / sum over s of w(s, t),    a(s) = W(s) / sum over t of w(s, t) b(t),
+    b(t) = W(t) / sum over s of w(s, t),    a(s) = W(s) / sum over t of w(s, t) b(t).
 
-the base of the map, the least of each pixel and its four neighbours, is resampled with weights w b, by which a
-constant stays constant, and what stands out from it with weights w a b, by which each source pixel keeps its flux. What
-is left, about a thousandth of the flux at most, is a factor on the whole result, one for each channel.
+The base of the map, in each pixel the minimum of it and its four neighbours, is resampled with weights w b, which keep
+a constant constant. What rises above the base is resampled with weights w a b, which keep each source pixel's flux.
+A factor on the whole result, one per channel, corrects the rest, at most about a thousandth of the flux.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ from ..float_range import LARGEST
 from ..progress import Progress
 from .projections import Projection
 
-POINTS = 2**21  # the least in an image, at most 8 x 8 in a pixel; there are 2 x 2 in large ones
-AT_ONCE = 2**15  # points; their temporaries stay within the cache's reach
-KEPT = 2**24  # points whose overlaps are kept from pass to pass, 20 bytes each; those of more are found again
-THREADS = min(8, os.cpu_count() or 1)  # numpy works outside of Python's lock
-AHEAD = 2 * THREADS  # batches that are begun before they are needed
+POINTS = 2**21  # points in an image, at least; at most 8 x 8 per pixel, and 2 x 2 per pixel in a large image
+AT_ONCE = 2**15  # points per batch, so that temporary arrays fit in the cache
+KEPT = 2**24  # points whose overlaps are kept between passes, 20 bytes each; the rest are found again
+THREADS = min(8, os.cpu_count() or 1)  # numpy releases Python's lock
+AHEAD = 2 * THREADS  # batches started before they are needed
 PASSES = 3
 TINY = 1e-300
 ORTHOGONAL = 1e-6  # how far the product of a rotation with its transpose may be from 1
 
-_Points = tuple[int, float, float]  # the first of their rows, and where in their pixels they lie, down and right
+_Points = tuple[int, float, float]  # the first row of a batch, and its points' place in each pixel, down and right
 _Batch = tuple[int, _Points]  # 0 for points of the source, 1 for those of the target
 
 
@@ -53,13 +53,13 @@ def resample(
 ) -> np.ndarray:
     """The map ``radiance`` (H, W, 3), in the projection ``source``, on ``shape`` pixels of ``target``, float32.
 
-    ``rotation`` (3, 3) turns the map, or mirrors it: what lay in direction d, a column, lies in ``rotation @ d``
-    afterwards. Pixels that a projection does not use are 0. The flux, the sum of radiance times solid angle, is kept to
-    1e-6, and a constant stays constant to 1e-6. Without a rotation, an image of the same projection and shape comes
-    back bit for bit. Memory is 60 bytes for each pixel of both images, and up to 500 MB more.
+    ``rotation`` (3, 3) turns or mirrors the map: what lay in direction d, a column vector, then lies in
+    ``rotation @ d``. Pixels that a projection does not use are 0. The flux, the sum of radiance times solid angle, is
+    kept to within 1e-6, and a constant stays constant to within 1e-6. Without a rotation, an image of the same
+    projection and shape comes back bit for bit. Memory is 60 bytes per pixel of both images, plus up to 500 MB.
 
-    Raises :class:`LightdomeError` for shapes that the projections do not have, for a rotation that is none, and for
-    values that are not finite.
+    Raises :class:`LightdomeError` for shapes that do not fit the projections, for a matrix that is not a rotation, and
+    for values that are not finite.
     """
     radiance = checks.array("radiance", radiance, ("H", "W", 3))
     for what, projection, size in (("the map", source, radiance.shape[:2]), ("the result", target, shape)):
@@ -71,7 +71,7 @@ def resample(
     if not np.isfinite(radiance).all():
         raise LightdomeError("the map must have finite values; replace NaN and infinite ones first")
     turn = np.eye(3) if rotation is None else checks.array("a rotation", rotation, (3, 3), np.float64)
-    if not np.abs(turn @ turn.T - np.eye(3)).max() <= ORTHOGONAL:  # nor NaN
+    if not np.abs(turn @ turn.T - np.eye(3)).max() <= ORTHOGONAL:  # also catches NaN
         raise LightdomeError("a rotation must be an orthogonal matrix, whose columns are perpendicular unit vectors")
     if (source.name, radiance.shape[:2]) == (target.name, tuple(shape)) and (turn == np.eye(3)).all():
         return radiance.astype(np.float32)
@@ -86,7 +86,7 @@ class _Grid:
         self.solid_angles = projection.solid_angles(shape).ravel()
         self.owners = projection.owners(shape)
         used = np.count_nonzero(self.solid_angles)
-        self.steps = int(np.clip(np.sqrt(POINTS / used), 2, 8))  # from point to point in a pixel
+        self.steps = int(np.clip(np.sqrt(POINTS / used), 2, 8))  # points along the side of a pixel
         self.points = used * self.steps**2  # of the whole image
         self._rows = max(1, AT_ONCE // shape[1])
 
@@ -99,19 +99,19 @@ class _Grid:
                     yield first, down, right
 
     def points_of(self, batch: _Points) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Pixels that points count to, flat indices (n,), and their directions (n, 3) and solid angles (n,)."""
+        """The pixels that points count towards, flat indices (n,), with directions (n, 3) and solid angles (n,)."""
         (height, width), (first, down, right) = self.shape, batch
         j, i = np.arange(first, min(first + self._rows, height))[:, None], np.arange(width)
         pixel = j * width + i if self.owners is None else self.owners[j * width + i]
         area = self.projection.density(i + right, j + down, self.shape) / self.steps**2
         direction = self.projection.directions(i + right, j + down, self.shape)
         used = area > 0
-        if used.all():  # copies would take a tenth of the time
+        if used.all():  # copies would take a tenth of the total time
             return pixel.ravel(), direction.reshape(-1, 3), area.ravel()
         return pixel[used], direction[used], area[used]
 
     def touched(self, x: np.ndarray, y: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The first of the four pixels that squares round (x, y) touch, and their shares in the next down and right."""
+        """The first of the four pixels touched by squares around (x, y), and the shares in the next row and column."""
         first, shares = np.zeros(len(x), np.intp), []
         for at, length, tiles in zip((y, x), self.shape, self.projection.tiles, strict=True):
             start = at - side / 2
@@ -119,7 +119,7 @@ class _Grid:
             beyond = np.maximum(0, 1 - (low + 1 - start) / side)
             tile = length // tiles
             begin = np.minimum(at // tile, tiles - 1) * tile if tiles > 1 else 0
-            # Squares end where neighbours are none on the sphere.
+            # Squares end where neighbours in the image are not neighbours on the sphere.
             beyond[(low < begin) | (low >= begin + tile - 1)] = 0
             first = first * length + np.clip(low, begin, begin + tile - 1).astype(np.intp)
             shares.append(beyond)
@@ -127,10 +127,10 @@ class _Grid:
 
 
 class _Overlap(NamedTuple):
-    """What points of one grid, each in a ``pixel`` of it, have in common with pixels of the other.
+    """The overlap of points of one grid, each in a ``pixel`` of that grid, with the pixels of the other.
 
-    Their solid angles ``weight`` lie in four pixels from ``first`` on, the shares ``down`` in the next row and
-    ``right`` in the next column. All are of 4 bytes, since many are kept.
+    The solid angle ``weight`` of each point lies in four pixels from ``first`` on, with the share ``down`` in the next
+    row and the share ``right`` in the next column. All entries take 4 bytes, since many are kept.
     """
 
     pixel: np.ndarray
@@ -155,9 +155,9 @@ class _Overlap(NamedTuple):
 
 
 def _overlap(own: _Grid, other: _Grid, turn: np.ndarray, batch: _Points) -> _Overlap:
-    """That of a batch of points of ``own``; ``turn`` leads from its directions to those of ``other``."""
+    """The overlap of a batch of points of ``own``; ``turn`` takes its directions to those of ``other``."""
     pixel, direction, area = own.points_of(batch)
-    # No matrix product: BLAS would start threads of its own for each.
+    # No matrix product: BLAS would start its own threads each time.
     turned = np.stack([sum(direction[:, k] * row[k] for k in range(3)) for row in turn], axis=-1)
     x, y = other.projection.positions(turned, other.shape)
     density = np.maximum(other.projection.density(x, y, other.shape), TINY)
@@ -172,7 +172,7 @@ def _overlap(own: _Grid, other: _Grid, turn: np.ndarray, batch: _Points) -> _Ove
 
 
 class _Weights:
-    """Solid angles of source pixels in target pixels, found by the points of both grids."""
+    """How much solid angle source and target pixels share, found from the points of both grids."""
 
     def __init__(
         self, source: _Grid, target: _Grid, turn: np.ndarray, pool: ThreadPoolExecutor, progress: Progress
@@ -185,9 +185,9 @@ class _Weights:
         self._kept: dict[_Batch, _Overlap] = {}
 
     def added(self, to_target: bool, values: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """For each pixel of one grid the sums of its overlaps, times each of ``values`` in the pixels of the other.
+        """For each pixel of one grid, the sum over its overlaps of each of ``values`` in the pixels of the other.
 
-        They do not depend on the number of threads.
+        The sums do not depend on the number of threads.
         """
         totals = [np.zeros(self._grids[to_target].solid_angles.size) for _ in values]
         for index, parts in _ahead(self._pool, partial(self._parts, to_target, values), self._batches):
@@ -200,20 +200,20 @@ class _Weights:
     def _parts(
         self, to_target: bool, values: Sequence[np.ndarray], batch: _Batch
     ) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Of the points of a batch: pixels (n,), and for each of ``values`` what is added to them (n,)."""
+        """For the points of a batch: pixels (n,), and what each of ``values`` adds to them, (n,)."""
         way, points = batch
         own, other, turn = self._ways[way]
         overlap = self._kept.get(batch) or _overlap(own, other, turn, points)
         if self._keep:
             self._kept[batch] = overlap
         touched, weight = overlap.spread(other)
-        if to_target == (own is self._grids[0]):  # from own pixels to those that are touched
+        if to_target == (own is self._grids[0]):  # from the points' own pixels to those they touch
             return touched.ravel(), [(weight * value[overlap.pixel]).ravel() for value in values]
         return overlap.pixel, [(weight * value[touched]).sum(axis=0) for value in values]
 
 
 def _ahead(pool: ThreadPoolExecutor, function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
-    """Like ``pool.map``, but few results wait at a time."""
+    """Like ``pool.map``, but with few results waiting at a time."""
     waiting: deque[Future[Any]] = deque()
     for item in items:
         waiting.append(pool.submit(function, item))
@@ -228,7 +228,7 @@ def _quotient(solid_angles: np.ndarray, found: np.ndarray) -> np.ndarray:
 
 
 def _base(values: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """The least of each value and those of its four neighbours that are used, (H, W)."""
+    """The minimum of each value and its used neighbours, up to four, (H, W)."""
     least = np.where(used, values, np.inf)
     result = least.copy()
     for axis in (0, 1):

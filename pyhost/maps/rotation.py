@@ -1,8 +1,8 @@
-"""Rotations of the world in yaw, pitch and roll, and when a latitude-longitude map follows by whole columns.
+"""Rotations of the world by yaw, pitch and roll, and when a latitude-longitude map follows by whole columns.
 
-Angles are in degrees and follow the right-hand rule: seen from the tip of its axis, a positive angle turns
-counter-clockwise. Roll turns about +z first, then pitch about +x, then yaw about +y, all three axes fixed in the world;
-the same rotation is yaw, pitch and roll, in this order, about axes that turn along.
+Angles are in degrees and follow the right-hand rule: seen from the tip of the axis, a positive angle turns
+counter-clockwise. Roll about +z comes first, then pitch about +x, then yaw about +y; all three axes are fixed in the
+world. Equivalently, yaw, pitch and roll follow each other in that order about axes that turn along.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ import numpy as np
 
 from .. import checks
 
-COLUMN = 1e-6  # how far from whole columns a yaw may be, in columns: 360 / W is rounded
+COLUMN = 1e-6  # tolerance for a yaw by whole columns, in columns, because 360 / W is rounded
 
 
 def rotation_matrix(yaw: float, pitch: float = 0.0, roll: float = 0.0) -> np.ndarray:
     """R_y(yaw) R_x(pitch) R_z(roll), (3, 3) float64: light from the direction d comes from R d afterwards.
 
-    Whole quarter turns are exact. For directions (N, 3) write ``directions @ rotation_matrix(...).T``. Raises
+    Whole quarter turns are exact. To rotate directions (N, 3), write ``directions @ rotation_matrix(...).T``. Raises
     :class:`LightdomeError` for an angle that is not finite.
     """
     angles = {"yaw": yaw, "pitch": pitch, "roll": roll}
@@ -31,9 +31,9 @@ def rotation_matrix(yaw: float, pitch: float = 0.0, roll: float = 0.0) -> np.nda
 
 
 def whole_columns(width: int, matrix: np.ndarray) -> int | None:
-    """The columns, 0 to ``width`` - 1, by which a rotation moves a map to the right; None if it does something else.
+    """The columns, 0 to ``width`` - 1, by which a rotation moves a map to the right; None for any other rotation.
 
-    Azimuths run from +x to +z and a positive yaw from +z to +x, so a yaw of 360 / ``width`` moves it one to the left.
+    Azimuth runs from +x to +z, a positive yaw from +z to +x, so a yaw of 360 / ``width`` moves the map one column left.
     """
     if matrix[1, 1] != 1:
         return None

@@ -1,7 +1,7 @@
 """The sun of a map: one small source, much brighter than its surroundings, with a good share of the light.
 
-Candidates come from light summed over cells (:class:`Cells`); one is then looked at pixel by pixel, by angles from its
-centre alone, so that the map's seam and its poles are places like any other.
+Candidates come from the light summed over cells (:class:`Cells`). Each is then examined pixel by pixel, using only
+angles from its centre, so that the map's seam and poles need no special treatment.
 """
 
 from __future__ import annotations
@@ -13,32 +13,32 @@ import numpy as np
 
 from .geometry import directions, row_angles
 
-PATCH = np.radians(8.0)  # round a candidate: what is looked at pixel by pixel
-SURROUNDINGS = np.radians(5.0)  # from a candidate to the edge of the patch: its background
+PATCH = np.radians(8.0)  # radius around a candidate that is examined pixel by pixel
+SURROUNDINGS = np.radians(5.0)  # a candidate's background is between this angle and PATCH
 MAX_RADIUS = np.radians(5.0)
-MIN_CONTRAST = 3.0  # peak to background
-MIN_DEPTH = 0.02  # of the peak above the background: less is no part of the source
-MIN_COMPACTNESS = 0.8  # of the bright light in the patch
-MIN_SHARE = 0.05  # of the map's flux
-MAX_RIVAL = 0.5  # light of the next source to that of the sun
+MIN_CONTRAST = 3.0  # ratio of peak to background
+MIN_DEPTH = 0.02  # share of the peak's height above the background; dimmer pixels are not part of the source
+MIN_COMPACTNESS = 0.8  # share of the patch's bright light that the source must hold
+MIN_SHARE = 0.05  # least share of the map's flux
+MAX_RIVAL = 0.5  # largest ratio of the next source's light to the sun's
 NOTHING = "nothing small stands out from its surroundings"
 CELL_ROWS = 64
-GROUP = np.radians(4.0)  # cells that are taken together
-BRIGHTEST_CELLS = 64  # that are looked at
+GROUP = np.radians(4.0)  # radius within which cells are taken together
+BRIGHTEST_CELLS = 64  # brightest cells that are examined
 
 
 @dataclass(frozen=True)
 class Sun:
-    """A small source, above what surrounds it.
+    """A small source, above its surroundings.
 
     - ``direction_xyz``: unit vector towards its centre of light; +y is up
-    - ``azimuth_degrees``: from +x towards +z, 0 to 360, as columns of the map run
-    - ``elevation_degrees``: from the horizon, 90 is straight up
-    - ``angular_radius_degrees``: of the even disc with the same sum of L and the same sum of L^2
-    - ``flux_rgb_radiance_sr``: the sum of L x solid angle: what a directional light in its place has
-    - ``irradiance_rgb_radiance_sr``: of a surface that faces it; less than the flux by the cosines over its disc
-    - ``flux_share``: of the map's flux, 0 to 1
-    - ``is_clipped``: it holds pixels that are cut off, so that all its light is a lower bound
+    - ``azimuth_degrees``: from +x towards +z, 0 to 360, the way the map's columns run
+    - ``elevation_degrees``: from the horizon; 90 is straight up
+    - ``angular_radius_degrees``: of the uniform disc with the same sum of L and the same sum of L^2
+    - ``flux_rgb_radiance_sr``: the sum of L x solid angle, the strength of a directional light in its place
+    - ``irradiance_rgb_radiance_sr``: on a surface that faces it; less than the flux by the cosines over its disc
+    - ``flux_share``: its share of the map's flux, 0 to 1
+    - ``is_clipped``: whether it holds clipped pixels, so that all its light is a lower bound
     """
 
     direction_xyz: tuple[float, float, float]
@@ -53,9 +53,9 @@ class Sun:
 
 @dataclass(frozen=True)
 class Region:
-    """Which pixels are the sun: those of at least ``threshold`` luminance within ``reach`` radians of ``centre``.
+    """The pixels of the sun: those of at least ``threshold`` luminance within ``reach`` radians of ``centre``.
 
-    ``surroundings`` is the radiance next to them, RGB, representable in float32: what would be seen without the sun.
+    ``surroundings`` is the RGB radiance next to them, exact in float32: what would be visible without the sun.
     """
 
     centre: np.ndarray
@@ -64,13 +64,13 @@ class Region:
     surroundings: np.ndarray
 
     def holds(self, direction: np.ndarray, luminance: np.ndarray) -> np.ndarray:
-        """Which of the pixels with these directions, (..., 3), and luminances it holds."""
+        """Which pixels it holds, given their directions (..., 3) and luminances."""
         return (luminance >= self.threshold) & (distance(direction, self.centre) <= self.reach)
 
 
 @dataclass(frozen=True)
 class Patch:
-    """Pixels round a candidate: ``direction`` (N, 3), ``radiance`` (N, 3), ``solid_angle`` (N,), all float64."""
+    """Pixels around a candidate: ``direction`` (N, 3), ``radiance`` (N, 3), ``solid_angle`` (N,), all float64."""
 
     direction: np.ndarray
     radiance: np.ndarray
@@ -88,23 +88,23 @@ def luminance(radiance: np.ndarray) -> np.ndarray:
 
 
 def distance(direction: np.ndarray, centre: np.ndarray) -> np.ndarray:
-    """Angles between unit vectors (..., 3) and one, radians; exact for small ones too."""
+    """Angles between unit vectors (..., 3) and a unit vector, radians; exact for small angles too."""
     return 2 * np.arcsin(np.minimum(np.sqrt(((direction - centre) ** 2).sum(axis=-1)) / 2, 1))
 
 
 def azimuth_elevation(vector: np.ndarray) -> tuple[float, float]:
-    """Degrees: from +x towards +z, 0 to 360, and from the horizon, -90 to 90."""
+    """(azimuth, elevation) in degrees: from +x towards +z, 0 to 360; from the horizon, -90 to 90."""
     x, y, z = vector
     return float(np.degrees(np.arctan2(z, x)) % 360), float(np.degrees(np.arctan2(y, np.hypot(x, z))))
 
 
 class Cells:
-    """Sums over cells of about 2.8 degrees, of nearly the same solid angle everywhere.
+    """Sums over cells of about 2.8 degrees, with nearly the same solid angle everywhere.
 
-    - ``flux`` (N, 3): of L x solid angle
-    - ``second`` (N, 3): of L^2 / I x solid angle, which the variance of samples needs
-    - ``vector`` (N, 3): of I x solid angle x direction
-    - ``solid_angle`` (N,)
+    - ``flux`` (N, 3): sum of L x solid angle
+    - ``second`` (N, 3): sum of L^2 / I x solid angle, needed for the variance of samples
+    - ``vector`` (N, 3): sum of I x solid angle x direction
+    - ``solid_angle`` (N,): sum of solid angles
     """
 
     def __init__(self) -> None:
@@ -145,12 +145,12 @@ class Cells:
 
     @property
     def direction(self) -> np.ndarray:
-        """(N, 3), unit vectors: of the light in each cell, of its centre where there is none."""
+        """Unit vectors (N, 3) to the centre of light of each cell, or to the cell's centre if it has no light."""
         length = np.linalg.norm(self.vector, axis=1, keepdims=True)
         return np.where(length > 0, self.vector / np.where(length > 0, length, 1), self._centre)
 
     def brightest(self) -> np.ndarray:
-        """A unit vector towards the 8 degrees with the most light."""
+        """A unit vector towards the centre of the 8-degree disc with the most light."""
         direction, light = self.direction, luminance(self.flux)
         top = np.argsort(light)[-BRIGHTEST_CELLS:]
         near = direction[top] @ direction.T >= np.cos(GROUP)
@@ -158,7 +158,7 @@ class Cells:
         return vector / np.linalg.norm(vector)
 
     def rival(self, sun: np.ndarray) -> float:
-        """The most luminance x solid angle that any other 8 degrees have above what surrounds them."""
+        """The most luminance x solid angle that any other 8-degree disc has above its surroundings."""
         direction, light = self.direction, luminance(self.flux)
         away = distance(direction, sun) > PATCH + GROUP
         top = np.argsort(np.where(away, light, 0))[-BRIGHTEST_CELLS:]
@@ -171,11 +171,11 @@ class Cells:
 
 
 def find_region(patch: Patch, start: np.ndarray, pixel: float) -> Region | str:
-    """The source round ``start``, or why there is none; ``pixel`` is the angle that a pixel spans at most."""
+    """The source around ``start``, or why there is none; ``pixel`` is the largest angle that a pixel spans."""
     direction, intensity, solid_angle = patch.direction, patch.luminance, patch.solid_angle
     outside = distance(direction, start) > SURROUNDINGS
     if not outside.any():
-        return "the pixels are too large to show one"
+        return "the pixels are too large to show a sun"
     background = _median(intensity[outside], solid_angle[outside])
     inside = np.flatnonzero(~outside)
     peak = inside[np.argmax(intensity[inside])] if inside.size else int(np.argmax(intensity))
@@ -203,13 +203,13 @@ def find_region(patch: Patch, start: np.ndarray, pixel: float) -> Region | str:
         ring = outside
     surroundings = (solid_angle[ring] @ patch.radiance[ring] / solid_angle[ring].sum()).astype(np.float32)
     surroundings = surroundings.astype(np.float64)
-    reach = min(reach, PATCH - float(distance(centre, start)))  # what is outside has not been looked at
-    # Pixels that it covers in part belong to it too.
+    reach = min(reach, PATCH - float(distance(centre, start)))  # pixels beyond PATCH have not been examined
+    # Pixels that the source covers only in part belong to it too.
     return Region(centre, reach, max(2 * float(luminance(surroundings)), math.ulp(0.0)), surroundings)
 
 
 def _reach(apart: np.ndarray, bright: np.ndarray, solid_angle: np.ndarray, pixel: float) -> float:
-    """How far the source goes: a pixel beyond the first ring of a pixel's width that is less than a quarter bright."""
+    """The source's radius: a pixel beyond the first ring, one pixel wide, that is less than a quarter bright."""
     ring = np.rint(apart / pixel).astype(int)
     lit, whole = np.bincount(ring, solid_angle * bright), np.bincount(ring, solid_angle)
     dark = (whole > 0) & (lit < 0.25 * whole)
@@ -223,7 +223,7 @@ def _median(values: np.ndarray, weights: np.ndarray) -> float:
 
 
 def measure(patch: Patch, region: Region, total: float, is_clipped: bool) -> Sun | str:
-    """The sun that a region is, in a map of the flux ``total``, or why it is none."""
+    """The sun in a region, in a map of the flux ``total``, or why the region is not a sun."""
     held = region.holds(patch.direction, patch.luminance)
     radiance = np.maximum(patch.radiance[held] - region.surroundings, 0)
     solid_angle, direction = patch.solid_angle[held], patch.direction[held]
@@ -234,7 +234,7 @@ def measure(patch: Patch, region: Region, total: float, is_clipped: bool) -> Sun
     flux = solid_angle @ radiance
     vector = light @ direction
     vector /= np.linalg.norm(vector)
-    even = light.sum() ** 2 / (light @ intensity)  # the solid angle of an even disc
+    even = light.sum() ** 2 / (light @ intensity)  # the solid angle of the equivalent uniform disc
     radius = float(np.arccos(max(-1.0, 1 - even / (2 * np.pi))))
     if radius > MAX_RADIUS:
         return "the brightest source is more than 10 degrees wide"

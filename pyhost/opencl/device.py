@@ -1,9 +1,9 @@
 """Choose and open an OpenCL device.
 
-A device counts only once it has compiled and run kernels in a child process (:mod:`lightdome.probe`), because a
-broken implementation lists its devices just as a working one does. The same process measures the device
-(:mod:`lightdome.opencl.rates`). The fastest device is used: the fastest of those that ``--device`` or the environment
-variable ``PYOPENCL_CTX`` names, or else of all.
+A device counts only once it has compiled and run kernels in a child process (:mod:`lightdome.probe`), because a broken
+implementation lists its devices just as a working one does. The same process measures the device
+(:mod:`lightdome.opencl.rates`). The fastest device is used, out of those that ``--device`` or the environment variable
+``PYOPENCL_CTX`` names, or else out of all.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ with warnings.catch_warnings():
     import pyopencl as cl
 
 from .launch import launch as launch_kernel
+from .launch import launch_rows as launch_kernel_by_rows
 from .profile import Profile
 from .programs import Kernel, Programs, check_process
 from .rates import Rates
@@ -45,8 +46,8 @@ INSTALL = "apt-get install pocl-opencl-icd, pip install 'lightdome[pocl]', or yo
 class Device:
     """An open OpenCL device: its context and queue, its kernels, and the time that its stages take.
 
-    ``vector_width`` is the number of pixels that a work-item handles at once: 16 on a CPU, which
-    needs explicit vectors to reach full speed, 1 on a GPU.
+    ``vector_width`` is the number of pixels that a work-item handles at once: 16 on a CPU, which needs explicit vectors
+    to reach full speed, and 1 on a GPU.
     """
 
     handle: cl.Device
@@ -86,7 +87,7 @@ class Device:
         return bool(self.handle.type & cl.device_type.CPU)
 
     def items_per_launch(self, work: int, work_per_item: int) -> int:
-        """Work-items, at least one, for a launch to do about ``work``; longer work takes several launches."""
+        """Work-items per launch, at least one, for about ``work`` in each; longer work takes several launches."""
         return max(1, work // work_per_item)
 
     def kernel(self, name: str, **defines: int) -> Kernel:
@@ -94,6 +95,7 @@ class Device:
         return self.programs.kernel(name, **defines)
 
     launch = launch_kernel
+    launch_rows = launch_kernel_by_rows
 
     def wait(self) -> None:
         """Wait until everything launched so far is done."""
@@ -105,8 +107,8 @@ def open_device(choice: str | None = None) -> Device:
     """Open the device that ``choice`` names, or the best one that works.
 
     ``choice`` is ``PLATFORM[:DEVICE]``. Each of the two is an index, or part of a name, vendor or version, in upper or
-    lower case. Part of :attr:`Device.description` works too. None takes ``PYOPENCL_CTX`` from the environment, else the
-    best device.
+    lower case. Part of :attr:`Device.description` works too. With None, ``PYOPENCL_CTX`` in the environment decides, or
+    else the best device is taken.
 
     Raises :class:`LightdomeError` if no device matches, if none of those that match works, and in a process forked from
     one that has already looked for devices.
@@ -139,7 +141,7 @@ def open_device(choice: str | None = None) -> Device:
 
 @dataclass(frozen=True)
 class Surveyed:
-    """A device of :func:`survey`: its indices as ``--device`` takes them, and its rates, or why it fails."""
+    """A device found by :func:`survey`: its indices, as for ``--device``, and its rates, or why it fails."""
 
     choice: str
     description: str
@@ -171,9 +173,9 @@ class Surveyed:
 
 
 def survey() -> list[Surveyed]:
-    """All devices, one of which is taken.
+    """All devices, with the one that is used marked.
 
-    Devices that failed are tried again. Raises :class:`LightdomeError` as :func:`open_device` does.
+    Devices that failed before are tried again. Raises :class:`LightdomeError` as :func:`open_device` does.
     """
     taken = open_device().handle
     result = []
@@ -192,7 +194,7 @@ class _Candidate:
     handle: cl.Device
 
 
-# The process that first looked for devices. Only it has OpenCL's threads; a fork would wait for them for ever.
+# The process that first looked for devices. Only it has OpenCL's threads; a forked child would wait for them forever.
 _first_process: list[int] = []
 
 
@@ -203,7 +205,7 @@ def _candidates() -> list[_Candidate]:
     with Unheard():  # PoCL starts threads here, and aborts if a linker that they run is interrupted
         try:
             platforms = cl.get_platforms()
-        except cl.Error:  # how the loader says that there are none
+        except cl.Error:  # how the loader reports that there are no platforms
             return []
         for p, platform in enumerate(platforms):
             with contextlib.suppress(cl.Error):
@@ -234,7 +236,7 @@ def _matches(asked: str, candidate: _Candidate) -> bool:
 
 
 def _listed(candidate: _Candidate) -> str:
-    """The device as lists of devices show it."""
+    """The device as shown in lists of devices."""
     return f"{candidate.platform}:{candidate.index} {_description(candidate.handle)}"
 
 
@@ -257,7 +259,7 @@ def _fastest(trials: list[_Trial]) -> _Trial | None:
 
 
 def _tried(candidates: list[_Candidate], again: bool = False) -> list[_Trial]:
-    """Try every candidate, or take its result from an earlier run.
+    """Try every candidate, or reuse its result from an earlier run.
 
     Failures are remembered for a day. They are tried again if no device works, or if ``again`` is set.
     """
@@ -301,7 +303,7 @@ def _remembered(candidate: _Candidate) -> _Trial | None:
 def _remember(trial: _Trial) -> None:
     record = _record(trial.candidate)
     content = {"rates": trial.rates.to_json()} if trial.rates else {"failure": trial.failure}
-    with contextlib.suppress(OSError, LightdomeError):  # nowhere to keep it: the next run probes again
+    with contextlib.suppress(OSError, LightdomeError):  # the cache cannot be written: the next run probes again
         record.parent.mkdir(parents=True, exist_ok=True)
         with replacing(record) as temporary:
             temporary.write_text(json.dumps(content) + "\n", encoding="utf-8")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..progress import Progress
 from .memory import DeviceArray
@@ -12,6 +13,8 @@ from .memory import DeviceArray
 if TYPE_CHECKING:
     from .device import Device
     from .signature import Argument
+
+GROUP = 256  # work-items of a GPU that share local memory
 
 
 def launch(
@@ -36,8 +39,8 @@ def launch(
     - ``defines``: the preprocessor defines that the kernel is built with
     - ``group``: work-items per group, for short work-items; the size is rounded up to whole groups, and the kernel must
       ignore the work-items beyond it
-    - ``step``: work-items per launch, see :meth:`lightdome.opencl.device.Device.items_per_launch`; the launches run one
-      after the other, and a line that begins with ``progress`` shows how far they are
+    - ``step``: work-items per launch, see :meth:`lightdome.opencl.device.Device.items_per_launch`. The launches run one
+      after the other, and a line that begins with ``progress`` shows how far along they are
 
     Raises ``TypeError`` for arguments that do not match the kernel's signature; ``ValueError`` for an empty size, for a
     group in more than one dimension, and for a step that is not a multiple of the group; and :class:`LightdomeError`
@@ -52,7 +55,7 @@ def launch(
         size, local = (-(-size[0] // group) * group,), (group,)
     else:
         # Left to choose, PoCL picks a different local size for nearly every global size, and compiles the kernel for
-        # each. So on a CPU, where a work-item does much, every group is a single one. A GPU's driver chooses.
+        # each. So on a CPU, where a work-item does much, every group has a single work-item. A GPU's driver chooses.
         local = None if device.is_gpu else (1,) * len(size)
     length, *across = size
     step = step or length
@@ -67,8 +70,33 @@ def launch(
                 line.update(end / length)
 
 
+def launch_rows(
+    device: Device,
+    name: str,
+    count: int | tuple[int, int],
+    /,
+    *,
+    defines: Mapping[str, int] | None = None,
+    step: int | None = None,
+    group: int = GROUP,
+    **options: Any,
+) -> None:
+    """:func:`launch` a kernel that does ``count`` rows, or parts of a map, in the variant for the device.
+
+    A CPU has a work-item for each, of the kernel ``name``; a GPU has ``group`` work-items for each, of ``name`` with
+    ``_grouped`` after it. ``step`` counts rows. A ``count`` may be across and down; a GPU numbers its groups through.
+    """
+    size = (count,) if isinstance(count, int) else count
+    if not device.is_gpu:
+        launch(device, name, size, defines=defines, step=step, **options)
+        return
+    defines = {"GROUP": group, **(defines or {})}
+    step = step and step * group
+    launch(device, f"{name}_grouped", (math.prod(size) * group,), defines=defines, group=group, step=step, **options)
+
+
 def _check(name: str, size: tuple[int, ...], group: int | None, step: int | None) -> None:
-    """Refuse sizes that would run no work-items, or not those that were asked for."""
+    """Refuse sizes that would run no work-items, or others than requested."""
     if min(size, default=0) < 1:
         raise ValueError(f"the kernel {name} needs a size of at least one work-item, got {size}")
     if step is not None and step < 1:

@@ -29,7 +29,7 @@ class DeviceArray:
 
 
 def upload(device: Device, array: np.ndarray) -> DeviceArray:
-    """Make ``array`` readable for kernels, which cannot write to it.
+    """Make ``array`` readable by kernels, which cannot write to it.
 
     Do not change ``array`` until every kernel that reads it is done: shared memory is not copied, and a copy to a
     device with its own memory may still be under way on return. Raises :class:`LightdomeError` if the device does not
@@ -60,15 +60,15 @@ def empty(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceAr
 
 
 def _aligned(shape: tuple[int, ...], kind: np.dtype) -> np.ndarray:
-    """An empty array that begins at a cache line, as vectors of 16 must."""
+    """An uninitialised array that begins at a cache line, as vectors of 16 must."""
     memory = np.empty(math.prod(shape) * kind.itemsize + CACHE_LINE, np.uint8)
     return np.ndarray(shape, kind, memory, -memory.ctypes.data % CACHE_LINE)
 
 
-# Why no index in a kernel overflows: arrays large enough for that are refused here, or by the host. Columns, rows and
-# lights are counted in 32 bits, and 2^32 of them take 48 GiB of map or 96 GiB of lights; there are fewer than 2^31
-# samples. Products such as y * width + x or 3 i are computed in size_t, except for an image's pixels: at the largest
-# resolution, 16384, none of theirs exceeds 2^29.
+# Why no index in a kernel overflows: larger arrays are refused here, or by the host. Columns, rows and lights are
+# counted in 32 bits; 2^32 of them would take 48 GiB of map or 96 GiB of lights. There are fewer than 2^31 samples.
+# Products such as y * width + x or 3 i are computed in size_t, except for an image's pixels, where at the largest
+# resolution, 16384, no product exceeds 2^29.
 def check_room(device: Device, size: int) -> None:
     """Raise :class:`LightdomeError` if the device cannot hold an array of ``size`` bytes."""
     room = device.handle.max_mem_alloc_size

@@ -22,7 +22,7 @@ from ..errors import LightdomeError
 if TYPE_CHECKING:
     from .rates import Rates
 
-# With a vector of 16, as in lightdome's kernels: some compilers fail only on those.
+# With vectors of 16, as in lightdome's kernels, because some compilers fail only on those.
 _SOURCE = """
 kernel void probe(global float *a)
 {
@@ -50,7 +50,7 @@ def probe(platform: int, device: int) -> Rates:
 
     Raises :class:`LightdomeError` if it does not compile and run kernels.
     """
-    # No caches: a cached binary says nothing about whether the compiler works today.
+    # No caches: a cached binary does not tell whether the compiler works now.
     os.environ["PYOPENCL_NO_CACHE"] = "1"
     os.environ["POCL_KERNEL_CACHE"] = "0"
     ensure_room()
@@ -62,7 +62,7 @@ def probe(platform: int, device: int) -> Rates:
 
     try:
         devices = [found.get_devices() for found in cl.get_platforms()]
-    except cl.Error:  # how the loader says that there are none
+    except cl.Error:  # how the loader reports that there are no platforms
         devices = []
     if not (0 <= platform < len(devices) and 0 <= device < len(devices[platform])):
         there = ", ".join(f"{p} {d}" for p, of_platform in enumerate(devices) for d in range(len(of_platform)))

@@ -1,4 +1,4 @@
-"""The device time of every stage, from OpenCL's profiling events."""
+"""The device time of each stage, from OpenCL's profiling events."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from typing import Any
 
 import pyopencl as cl
 
-PENDING = 64  # commands in flight: at most so many events are kept, with the arrays that their commands use
+PENDING = 64  # the most events that are pending, and so kept with their commands' arrays
 
 
 class Profile:
-    """Device time by the name of its stage, in the order in which the stages first ran.
+    """Device time by stage name, in the order in which the stages first ran.
 
     An event, and the arrays that its command uses, are kept until the command is done.
     """
 
     def __init__(self) -> None:
         self._nanoseconds: dict[str, int] = {}
-        self._pending: deque[tuple[str, cl.Event, tuple[object, ...]]] = deque()  # an in-order queue's, oldest first
+        self._pending: deque[tuple[str, cl.Event, tuple[object, ...]]] = deque()  # of an in-order queue, oldest first
 
     def record(self, stage: str, event: cl.Event, *kept: object) -> None:
         """Add the time of ``event`` to ``stage``; ``kept`` stays alive until the event is complete."""
@@ -27,24 +27,24 @@ class Profile:
             self._settle_oldest()
 
     def settle(self) -> None:
-        """Wait for what is still running."""
+        """Wait for all commands still running."""
         while self._pending:
             self._settle_oldest()
 
     def _settle_oldest(self) -> None:
         stage, event, kept = self._pending.popleft()
         event.wait()
-        del kept  # not before
+        del kept  # only now that the command is done
         # Much faster than event.profile.end.
         times: list[Any] = [event.get_profiling_info(time) for time in (cl.profiling_info.END, cl.profiling_info.START)]
         self._nanoseconds[stage] = self._nanoseconds.get(stage, 0) + times[0] - times[1]
 
     def seconds(self) -> dict[str, float]:
-        """The device time of each stage in seconds; waits for what is still running."""
+        """The device time of each stage in seconds; waits for commands still running."""
         self.settle()
         return {stage: 1e-9 * nanoseconds for stage, nanoseconds in self._nanoseconds.items()}
 
     def clear(self) -> None:
-        """Forget all times; waits for what is still running."""
+        """Forget all times; waits for commands still running."""
         self.settle()
         self._nanoseconds.clear()

@@ -24,8 +24,8 @@ _SAVED = re.compile(r"\(source saved as (.+)\)")
 def source(name: str) -> str:
     """The text of ``clkernels/name`` with its headers inlined, each once: ours, and Random123 from pyopencl.
 
-    An include path would not do: PoCL's compiler finds no folder with spaces in its name, and the binary cache would
-    not notice that a header has changed.
+    An include path would not work: PoCL's compiler cannot handle a folder with spaces in its name, and the binary cache
+    would not notice that a header has changed.
     """
     seen: set[Traversable] = set()
 
@@ -48,7 +48,7 @@ def source(name: str) -> str:
 
 
 def check_process(opened_by: int) -> None:
-    """Raise :class:`LightdomeError` in any process but ``opened_by``: a fork has none of OpenCL's threads."""
+    """Raise :class:`LightdomeError` in any process but ``opened_by``: a forked child has none of OpenCL's threads."""
     if os.getpid() != opened_by:
         raise LightdomeError(
             "this process was forked from one that had opened an OpenCL device, and no device works in a fork; start"
@@ -57,7 +57,7 @@ def check_process(opened_by: int) -> None:
 
 
 def compiler_says(error: cl.Error) -> str:
-    """The line that matters in the message of a failed build. Deletes the source that pyopencl leaves on disk."""
+    """The relevant line in the message of a failed build. Deletes the source that pyopencl leaves on disk."""
     said = str(error)
     if saved := _SAVED.search(said):
         Path(saved[1]).unlink(missing_ok=True)
@@ -93,7 +93,7 @@ class Kernel:
 
 
 class Programs:
-    """The kernels of one context, built when they are first asked for, all with ``-D`` for each of ``defines``."""
+    """The kernels of one context, built on first use, all with ``-D`` for each of ``defines``."""
 
     def __init__(self, context: cl.Context, **defines: int) -> None:
         self._context = context
@@ -119,7 +119,7 @@ class Programs:
         )
 
     def text(self, name: str) -> str:
-        """What the kernel ``name`` is compiled from: ``clkernels/name.cl`` with all its headers."""
+        """The source of the kernel ``name``: ``clkernels/name.cl`` with all its headers."""
         return source(f"{name}.cl")
 
     def parameters(self, name: str) -> frozenset[str]:

@@ -1,4 +1,4 @@
-"""How fast an OpenCL device is: measured, since what implementations claim says little about it.
+"""Measure how fast an OpenCL device is, since what implementations claim says little.
 
 An implementation that claims fused multiply-adds may take five times as long for ``fma()`` as for a product and a sum,
 and a newer implementation is not always faster. So a few small kernels run once for each device and version, in the
@@ -19,14 +19,14 @@ import pyopencl as cl
 from .memory import DeviceArray
 from .programs import Programs
 
-REPEATS = 15  # the fastest counts: other programs on the machine only make it look slower
+REPEATS = 15  # the fastest counts, since other programs on the machine can only slow it down
 CHAINS, STEPS = 8, 2**11  # of multiply_add.cl
 ITEMS_PER_UNIT, GPU_ITEMS_PER_UNIT = 64, 2048  # work-items per compute unit: a third of a millisecond on two fast cores
 COPY_BYTES, COPY_BLOCK = 2**25, 2048  # read and written together; vectors per work-item
 TRANSFER_BYTES = 2**24
-MATRIX = 512  # rows and columns of numpy's product
+MATRIX = 512  # rows and columns of the matrices that numpy multiplies
 
-FUSED_PAYS = 0.9  # of the plain rate: from there on kernels use fma, which is also more exact
+FUSED_PAYS = 0.9  # of the plain rate; from this share on, kernels use fma, which is also more exact
 SLOW = 1 / 3  # of numpy's rate
 
 # A frame: roughly what one image takes.
@@ -40,10 +40,10 @@ FRAME_LAUNCHES = 16
 class Rates:
     """Measured rates, per second.
 
-    - ``fused``, ``plain``: float32 multiply-adds as ``fma(a, b, c)``, and as ``a * b + c`` rounded twice
+    - ``fused``, ``plain``: float32 multiply-adds, as ``fma(a, b, c)`` and as ``a * b + c`` rounded twice
     - ``copies``: bytes that a kernel reads and writes
-    - ``transfers``: bytes between host and device; None where they share memory
-    - ``launches``: kernels that do nothing, one after the other
+    - ``transfers``: bytes between host and device; None if they share memory
+    - ``launches``: empty kernels, one after the other
     - ``numpy``: float32 multiply-adds of numpy's matrix product on the same machine
     """
 
@@ -61,12 +61,12 @@ class Rates:
 
     @property
     def multiply_adds(self) -> float:
-        """Multiply-adds per second, written the faster way."""
+        """Multiply-adds per second, in the faster of the two forms."""
         return self.fused if self.is_fused else self.plain
 
     @property
     def is_slow(self) -> bool:
-        """Whether the device does less than a third of what numpy does on the same machine."""
+        """Whether the device does less than a third of numpy's multiply-adds on the same machine."""
         return self.multiply_adds < SLOW * self.numpy
 
     @property
@@ -121,7 +121,7 @@ def measure(context: cl.Context) -> Rates:
         cl.enqueue_fill_buffer(queue, array.buffer, np.ones(1, np.float32), 0, COPY_BYTES // 2)
     copy, count = programs.kernel("limits/copy", VECTORS=block), COPY_BYTES // 2 // (16 * block)
     launch = programs.kernel("limits/launch")
-    arguments: dict[str, Any] = {"from": source, "to": target}  # a word of Python's
+    arguments: dict[str, Any] = {"from": source, "to": target}  # `from` is a keyword of Python's
     (copy_seconds,) = _on_device(lambda: copy(queue, (count,), local, **arguments))
     return Rates(
         fused=fused,

@@ -1,4 +1,4 @@
-"""The same sphere by PBRT: scenes, equal-area maps, running the program, and a check of what it drew."""
+"""The same sphere rendered by PBRT: scenes, equal-area maps, running the program, and checking its image."""
 
 from .run import PORTS as PORTS
 from .run import Pbrt as Pbrt

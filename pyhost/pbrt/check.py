@@ -1,11 +1,11 @@
-"""Whether an image that another program rendered is the one that the map calls for.
+"""Check whether an image that another program rendered is the one that the map should give.
 
-Averages of the image over squares of pixels are compared with the irradiance of the normals in their centres, in
-float64 on the host. Squares beside each other make a block, whose differences scatter by the noise of the image: the
-mean of a block counts as wrong beyond ten of its standard errors. Differences by design (spectra, interpolation,
-pixels that are points or areas) are allowed for: 2 % of the brightest value, and more where a map has few rows. So an
-image by white light, of another map, mirrored, or of half the radiance is found; an error of some percent is not, nor
-one of 10 % at a single sample per pixel.
+Averages of the image over squares of pixels are compared with the irradiance at the normals in their centres, computed
+in float64 on the host. Neighbouring squares form a block, and the scatter of the differences within a block gives the
+image's noise: a block is wrong if its mean differs by more than ten standard errors. Differences by design (spectra,
+interpolation, pixels that are points or areas) are allowed for, with 2 % of the brightest value, and more if the map
+has few rows. So the check finds an image lit by white light or by another map, a mirrored image, and half the radiance;
+it does not find an error of a few percent, nor one of 10 % at a single sample per pixel.
 """
 
 from __future__ import annotations
@@ -16,19 +16,18 @@ from .. import checks
 from ..disc import check_resolution, disc_mask
 from ..errors import LightdomeError
 from ..maps.envmap import EnvironmentMap
-from ..maps.geometry import directions, solid_angles
+from ..maps.sphere import reflected
 
 STANDARD_ERRORS = 10
 SQUARES = 48  # in a row of the image, at most
 BLOCK = 6  # squares in a row of a block
 FEWEST = 9  # squares from which a standard error is estimated
-CELLS = 256  # rows of the map after averaging, at most; twice as many columns
 
 
 def deviation(image: np.ndarray, envmap: EnvironmentMap, albedo: float = 1.0) -> str | None:
-    """Where ``image``, (R, R, 3), is not the sphere under ``envmap``, and by how much, in one line; None if it is.
+    """Where and how far ``image``, (R, R, 3), differs from the sphere under ``envmap``, in one line; None if it agrees.
 
-    Says nothing of images so small that their noise is unknown. Raises :class:`LightdomeError` for an image of another
+    Always None for an image too small to estimate its noise. Raises :class:`LightdomeError` for an image of another
     shape, and for an albedo that is negative or not finite.
     """
     checks.instance("the map", envmap, EnvironmentMap)
@@ -45,7 +44,7 @@ def deviation(image: np.ndarray, envmap: EnvironmentMap, albedo: float = 1.0) ->
     nx, ny = np.broadcast_arrays(centre, -centre[:, None])
     normals = np.stack([nx, ny, np.sqrt(np.maximum(1 - nx**2 - ny**2, 0))], axis=-1)
     expected = np.zeros_like(means)
-    expected[inside] = albedo * _reflected(envmap, normals[inside])
+    expected[inside] = albedo * reflected(envmap, normals[inside])
 
     allowed = (0.02 + 0.5 / envmap.height) * expected.max()
     worst, said = 0.0, None
@@ -64,31 +63,13 @@ def deviation(image: np.ndarray, envmap: EnvironmentMap, albedo: float = 1.0) ->
                 at = side * (min(x + BLOCK // 2, count - 1)), side * (min(y + BLOCK // 2, count - 1))
                 said = (
                     f"around pixel {at[0]}, {at[1]} its {['red', 'green', 'blue'][channel]} is"
-                    f" {here.mean(axis=0)[channel]:.3g} where the map calls for {wanted.mean(axis=0)[channel]:.3g},"
+                    f" {here.mean(axis=0)[channel]:.3g} where the map should give {wanted.mean(axis=0)[channel]:.3g},"
                     f" more than {STANDARD_ERRORS} standard errors away"
                 )
     return said
 
 
 def _squares(array: np.ndarray, side: int) -> np.ndarray:
-    """``array`` (R, R, C) as whole squares of pixels: (count, side, count, side, C)."""
+    """``array`` (R, R, C) split into whole squares of pixels: (count, side, count, side, C)."""
     count = len(array) // side
     return array[: count * side, : count * side].reshape(count, side, count, side, -1)
-
-
-def _reflected(envmap: EnvironmentMap, normals: np.ndarray) -> np.ndarray:
-    """Radiance of a white diffuse surface with each of ``normals``, (N, 3), under the map: (N, 3) float64."""
-    height, width = envmap.height, envmap.width
-    rows = np.arange(0, height, -(-height // CELLS))
-    columns = np.arange(0, width, -(-width // (2 * CELLS)))
-    of_rows = [
-        weight * np.add.reduceat(row, columns, axis=0, dtype=np.float64)
-        for row, weight in zip(envmap.radiance, solid_angles(height, width), strict=True)
-    ]
-    flux = np.add.reduceat(np.stack(of_rows), rows, axis=0)
-    theta = (np.pi / height) * (rows + np.append(rows[1:], height)) / 2
-    phi = (np.pi / width) * (columns + np.append(columns[1:], width))
-    result = np.zeros((len(normals), 3))
-    for of_row, row in zip(directions(theta[:, None], phi), flux, strict=True):
-        result += np.maximum(normals @ of_row.T, 0) @ row
-    return result / np.pi

@@ -1,21 +1,19 @@
-"""A latitude-longitude map as the equal-area octahedral square that PBRT-v4 reads, with no flux lost.
+"""Convert a latitude-longitude map to the equal-area octahedral square that PBRT-v4 reads, without losing flux.
 
-The mapping folds the sphere's eight octants into a square, every part keeping its share of the area.
-In the quadrant u, v >= 0 of the square [-1, 1]^2, for the hemisphere z >= 0, it is
+The mapping unfolds the sphere's eight octants into a square, and every part keeps its share of the area. In the
+quadrant u, v >= 0 of the square [-1, 1]^2, for the hemisphere z >= 0, it is
 
-    r = u + v = sqrt(1 - z),    t = (v - u) / r = 4 phi / pi - 1,
+    r = u + v = sqrt(1 - z),    t = (v - u) / r = 4 phi / pi - 1.
 
-and the octant below is its mirror image in the diagonal u + v = 1; the other quadrants mirror this one.
-So a line of constant z is a straight diagonal, a line of constant phi a straight line through the
-centre, and a pixel of the latitude-longitude map is a quadrangle with straight sides. Here a texel is
-the sum over all pixels of radiance times the exact area of their overlap: each pixel keeps its flux, a
-constant map stays constant, and nothing falls between sampling points. PBRT-v4's own converter
-(``imgtool makeequiarea``) blurs with 36 random samples a texel; a single bright pixel comes out of it
-with 2 or 3 % too much or too little flux, near a pole with tens of percent.
+The octant below is the mirror image in the diagonal u + v = 1; the other quadrants mirror this one. So a line of
+constant z is a straight diagonal, a line of constant phi is a straight line through the centre, and a pixel of the
+latitude-longitude map is a quadrilateral with straight sides. Here, a texel is the sum over all pixels of radiance
+times the exact area of their overlap: each pixel keeps its flux, a constant map stays constant, and nothing falls
+between sampling points. PBRT-v4's own converter (``imgtool makeequiarea``) blurs with 36 random samples per texel: a
+single bright pixel comes out with 2 or 3 % too much or too little flux, near a pole with tens of percent.
 
-Source: Clarberg, Fast Equal-Area Mapping of the (Hemi)Sphere using SIMD (2008); Pharr, Jakob, Humphreys,
-Physically Based Rendering, 4th ed., 3.8.3. Frame as in both: z is up, the square's centre is +z, its
-first row is v = -1.
+Source: Clarberg, Fast Equal-Area Mapping of the (Hemi)Sphere using SIMD (2008); Pharr, Jakob, Humphreys, Physically
+Based Rendering, 4th ed., 3.8.3. The frame is that of both: z is up, the square's centre is +z, its first row is v = -1.
 """
 
 from __future__ import annotations
@@ -27,13 +25,13 @@ import numpy as np
 from .. import checks
 from ..errors import LightdomeError
 
-MAX_SIDE = 4096  # 0.05 degrees a texel: far below what a diffuse surface can show
+MAX_SIDE = 4096  # 0.05 degrees per texel, far finer than a diffuse surface can show
 MIN_SIDE = 64
-PAIRS_PER_CHUNK = 2**18  # pixel-texel pairs at a time: their temporaries stay within the cache's reach
+PAIRS_PER_CHUNK = 2**18  # pixel-texel pairs at a time, so that temporary arrays fit in the cache
 
 
 def equal_area_side(height: int, width: int) -> int:
-    """Side of the square that resolves a (height, width) map: texels of a third of an equator pixel's area."""
+    """Side of the square that resolves a (height, width) map: a texel has a third of an equator pixel's area."""
     side = min(max(2 * height, width, MIN_SIDE), MAX_SIDE)
     return side + side % 2
 
@@ -41,9 +39,9 @@ def equal_area_side(height: int, width: int) -> int:
 def to_equal_area(radiance: np.ndarray, side: int | None = None) -> np.ndarray:
     """The map ``radiance`` (H, W, 3), constant over each pixel, averaged over texels: (S, S, 3) float32.
 
-    The direction (sin theta cos phi, sin theta sin phi, cos theta), z up, of a pixel is kept. The mean
-    over all texels is the map's flux / 4 pi. ``side`` is S, even; by default :func:`equal_area_side`.
-    Raises :class:`LightdomeError` for another shape, and for an odd ``side``.
+    A pixel keeps its direction (sin(theta) cos(phi), sin(theta) sin(phi), cos(theta)), with z up. The mean over all
+    texels is the map's flux / 4 pi. ``side`` is S, even; by default :func:`equal_area_side`. Raises
+    :class:`LightdomeError` for another shape, and for an odd ``side``.
     """
     radiance = checks.array("radiance", radiance, ("H", "W", 3))
     height, width = radiance.shape[:2]
@@ -52,13 +50,13 @@ def to_equal_area(radiance: np.ndarray, side: int | None = None) -> np.ndarray:
     side = equal_area_side(height, width) if side is None else checks.whole("the side", side, 2, 2**15)
     if side % 2:
         raise LightdomeError(f"the side must be an even number, got {side}")
-    # Pixels must not straddle octants; halves and quarters of a pixel are the same map.
+    # Pixels must not straddle octants, so split them: halves or quarters of pixels give the same map.
     radiance = np.repeat(radiance, 1 + height % 2, axis=0)
     radiance = np.repeat(radiance, 4 // np.gcd(width, 4), axis=1)
     height, width = radiance.shape[:2]
     rows, columns, half = height // 2, width // 4, side // 2
     upper, lower = radiance[:rows], radiance[: rows - 1 : -1]
-    # Octants' pixels with phi counted from the nearest x axis; where each lies in the square.
+    # Each octant's pixels, with phi counted from the nearest x axis, and where the octant lies in the square.
     quarters = [slice(k * columns, (k + 1) * columns) for k in range(4)]
     backwards = [False, True, False, True]
     signs = [(1, 1), (-1, 1), (-1, -1), (1, -1)]
@@ -80,14 +78,14 @@ def to_equal_area(radiance: np.ndarray, side: int | None = None) -> np.ndarray:
 
 
 def _overlaps(rows: int, columns: int, half: int) -> Iterator[tuple[np.ndarray, ...]]:
-    """Yield arrays (pixel, x, y, area): how much of the texel (x, y) each pixel of the octant z, phi' >= 0 covers.
+    """Yield arrays (pixel, x, y, area): how much of the texel (x, y) a pixel of the octant z, phi' >= 0 covers.
 
-    ``pixel`` is row * columns + column, row 0 at the pole; texels are unit squares, (0, 0) at the pole.
+    ``pixel`` is row * columns + column, with row 0 at the pole; texels are unit squares, with (0, 0) at the pole.
     """
     theta = np.pi / 2 * np.arange(rows + 1) / rows
-    r = half * np.sqrt(2) * np.sin(theta / 2)  # sqrt(1 - cos theta), without its cancellation
+    r = half * np.sqrt(2) * np.sin(theta / 2)  # sqrt(1 - cos(theta)), without cancellation
     t = 2 * np.arange(columns + 1) / columns - 1
-    # Corners in the order in which a walk round the quadrangle meets them.
+    # Corners in order around the quadrilateral.
     r_corners = np.stack([r[:-1], r[1:], r[1:], r[:-1]], axis=1)[:, None, :]
     t_corners = np.stack([t[:-1], t[:-1], t[1:], t[1:]], axis=1)[None, :, :]
     u = (r_corners * (1 - t_corners) / 2).reshape(-1, 4)
@@ -114,9 +112,9 @@ def _overlaps(rows: int, columns: int, half: int) -> Iterator[tuple[np.ndarray, 
 
 
 def _area_in_texel(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Area of the intersection of polygons, corners (N, 4) ``u`` and ``v``, with the unit square: (N,).
+    """Area of the intersection of polygons with the unit square: corners ``u`` and ``v`` (N, 4), area (N,).
 
-    By Green's theorem it is the sum over the edges of the integral of clamp(u, 0, 1) dv over 0 <= v <= 1.
+    By Green's theorem this is the sum over the edges of the integral of clamp(u, 0, 1) dv over 0 <= v <= 1.
     """
     area = np.zeros(len(u))
     for k in range(4):

@@ -1,11 +1,11 @@
-"""Find a PBRT, or a port of it, and let it draw a scene of :mod:`lightdome.pbrt.scenes`.
+"""Find PBRT, or a port of it, and have it render a scene of :mod:`lightdome.pbrt.scenes`.
 
-``pbrt-r4`` and ``pbrt-r3`` are ports to Rust that take the same scenes. Like PBRT-v3, pbrt-r3 has no seed; with more
-than one thread its images differ from run to run.
+``pbrt-r4`` and ``pbrt-r3`` are Rust ports that read the same scenes. Like PBRT-v3, pbrt-r3 has no seed; with more than
+one thread, its images differ from run to run.
 
-A program that ends well may still have drawn something else: PBRT-v3 renders white light where it cannot read its
-map. So what it prints counts too: an error fails the run, and warnings are logged (:mod:`logging`, ``lightdome.pbrt``).
-:mod:`lightdome.pbrt.check` compares the image with the one that the map calls for.
+A program that exits normally may still have rendered something else: PBRT-v3 renders white light if it cannot read its
+map. So its output matters too: an error fails the run, and warnings are logged (:mod:`logging`, ``lightdome.pbrt``).
+:mod:`lightdome.pbrt.check` compares the image with what the map should give.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ from ..progress import Progress
 from .scenes import IMAGE_SUFFIX, VERSIONS, Scene, sampler_name
 
 PORTS = {"pbrt-r4": 4, "pbrt-r3": 3}
-NAMES = ("pbrt", *PORTS)  # in the order in which they are looked for
+NAMES = ("pbrt", *PORTS)  # in the order of the search
 ELSE = "or render with --renderer opencl"
 GET = "cargo install pbrt-r4 --locked --no-default-features"
-# When a render is given up: when its progress bar has not moved for STILL seconds plus ten times its longest step so
-# far. Until there is a bar: after STILL seconds plus about ten times the expected time.
+# When to give up a render: once its progress bar has stood still for STILL seconds plus ten times its longest step so
+# far; while there is no bar, after STILL seconds plus about ten times the expected time.
 STILL = 60.0
 SECONDS_PER_SAMPLE = 3e-5  # pbrt-r4 takes 3e-6 on one core
 _log = logging.getLogger(__package__)
@@ -50,7 +50,7 @@ _log = logging.getLogger(__package__)
 
 @dataclass(frozen=True)
 class Pbrt:
-    """A PBRT program that starts: its file, the version of its scenes, 3 or 4, and a port's own name and version."""
+    """A PBRT program that runs: its file, its scene version (3 or 4), and a port's own name and version."""
 
     path: Path
     version: int
@@ -58,22 +58,22 @@ class Pbrt:
 
     @property
     def name(self) -> str:
-        """What it is: ``PBRT-v4``, or ``pbrt-r4 4.5.2``."""
+        """Name and version, such as ``PBRT-v4`` or ``pbrt-r4 4.5.2``."""
         return self.port or f"PBRT-v{self.version}"
 
     @property
     def has_seed(self) -> bool:
-        """Whether another seed gives other samples."""
+        """Whether its samples depend on a seed."""
         return self.version > 3
 
     @property
     def is_random(self) -> bool:
-        """Whether two runs can differ: with another seed, or of pbrt-r3, by the order of its threads."""
+        """Whether two runs can differ: by the seed, or for pbrt-r3, by the order of its threads."""
         return self.has_seed or self.port is not None
 
     @property
     def image_suffix(self) -> str:
-        """The format in which its image loses nothing."""
+        """The file format that stores its image without loss."""
         return ".exr" if self.port else IMAGE_SUFFIX[self.version]
 
     def __str__(self) -> str:
@@ -81,20 +81,21 @@ class Pbrt:
 
 
 def installed_port() -> Path:
-    """Where scripts/get_pbrt.py installs ``pbrt-r4``; it may not be there."""
+    """Where scripts/get_pbrt.py installs ``pbrt-r4``, whether or not it is there."""
     return cache_folder("pbrt") / "bin" / "pbrt-r4"
 
 
 def find_pbrt(path: str | Path | None = None, timeout: float = 20.0) -> Pbrt:
-    """The program at ``path``, a file or the folder that holds it; None looks on PATH, then for what was installed.
+    """The program at ``path``, a file or its folder; None looks on PATH, then for the installed port.
 
-    That is ``pbrt``, ``pbrt-r4`` or ``pbrt-r3``. Asks the program for its version, for at most ``timeout`` seconds.
-    Raises :class:`LightdomeError` where there is none, it does not start, or is neither version 3 nor 4.
+    It looks for ``pbrt``, ``pbrt-r4`` and ``pbrt-r3``. Asks the program for its version, for at most ``timeout``
+    seconds. Raises :class:`LightdomeError` if there is no such program, it does not start, or it is neither version 3
+    nor 4.
     """
     checks.positive("the timeout", timeout)
     program = _locate(None if path is None else checks.path(path))
-    # An empty scene makes PBRT print its banner; options that do so are not common to its versions. The ports print
-    # how they are used, and have such an option.
+    # An empty scene makes PBRT print its banner; its versions share no option that does so. The ports print their
+    # usage, and have such an option.
     said = []
     for options in ([], ["--version"]):
         try:
@@ -106,7 +107,7 @@ def find_pbrt(path: str | Path | None = None, timeout: float = 20.0) -> Pbrt:
         said.append((code, text))
         if re.search(r"\brs_pbrt\b", text):
             raise LightdomeError(
-                f"{program} is rs_pbrt, which writes 8-bit pictures only; a port that writes radiance: {GET}"
+                f"{program} is rs_pbrt, which writes only 8-bit pictures; install a port that writes radiance: {GET}"
             )
         if port := re.search(r"^(pbrt-r[34]) (?:version )?(\d[\w.]*)", text, re.MULTILINE):
             return Pbrt(program, PORTS[port[1]], f"{port[1]} {port[2]}")
@@ -135,7 +136,7 @@ def _locate(path: Path | None) -> Path:
             return port
         if found := _unusable(folders):
             return found
-        raise LightdomeError(f"no PBRT on PATH; install one ({GET}), name one with --pbrt, {ELSE}")
+        raise LightdomeError(f"no PBRT on PATH; install it ({GET}), name a program with --pbrt, {ELSE}")
     path = path.expanduser()
     if path.is_dir():
         folders = str(path.absolute())
@@ -143,20 +144,20 @@ def _locate(path: Path | None) -> Path:
             return found
         raise LightdomeError(f"no program {', '.join(NAMES)} in the folder {path}; give the program with --pbrt")
     if not path.exists():
-        raise LightdomeError(f"there is no {path}; give the pbrt program or its folder with --pbrt")
+        raise LightdomeError(f"{path} does not exist; give the pbrt program or its folder with --pbrt")
     if not os.access(path, os.X_OK):
         raise _not_executable(path)
     return path.absolute()
 
 
 def _first_program(folders: str, names: Sequence[str]) -> Path | None:
-    """The first of ``names`` in ``folders``, which are separated as on PATH."""
+    """The first of ``names`` in ``folders``, a list such as PATH."""
     found = next(filter(None, (shutil.which(name, path=folders) for name in names)), None)
     return Path(found).absolute() if found else None
 
 
 def _unusable(folders: str) -> Path | None:
-    """rs_pbrt, which is refused when it is asked for its version; raises if a PBRT is there, but not executable."""
+    """rs_pbrt, to be refused when asked for its version; raises if PBRT is there but not executable."""
     for folder in filter(None, folders.split(os.pathsep)):
         for name in NAMES:
             if (file := Path(folder, name)).is_file():
@@ -173,12 +174,12 @@ def decisions(pbrt: Pbrt, scene: Scene) -> list[Decision]:
     result = [Decision("OpenCL kernels", False, f"{pbrt} rendered")]
     if scene.version == 3:
         result.append(
-            Decision("the sampler halton", True, f"{pbrt.name} has no other that keeps to the centres of pixels")
+            Decision("the sampler halton", True, f"{pbrt.name} has no other that samples pixels at their centres")
         )
     elif sampler_name(scene.spp) == "zsobol":
         result.append(Decision("the sampler zsobol", True, f"{scene.spp} is a power of two"))
     else:
-        result.append(Decision("the sampler halton", True, f"{scene.spp} is no power of two, as zsobol needs"))
+        result.append(Decision("the sampler halton", True, f"{scene.spp} is not a power of two, which zsobol needs"))
     if scene.exponent:
         why = f"its largest value is far from 1; the image is multiplied by 2^{scene.exponent}"
         result.append(Decision("scaling of the map", True, why))
@@ -191,7 +192,7 @@ def render(pbrt: Pbrt, scenes: Iterable[Scene], timeout: float | None = None) ->
     """Yield (spp, image) for each of ``pbrt``'s scenes in increasing order: see :func:`render_scene`."""
     checks.instance("the program", pbrt, Pbrt)
     if not isinstance(scenes, Iterable):
-        raise LightdomeError(f"scenes must be a list of what write_scenes returns, got {checks.told(scenes)}")
+        raise LightdomeError(f"scenes must be the list that write_scenes returns, got {checks.told(scenes)}")
     scenes = list(scenes)
     for scene in scenes:
         checks.instance("each of the scenes", scene, Scene)
@@ -202,11 +203,11 @@ def render(pbrt: Pbrt, scenes: Iterable[Scene], timeout: float | None = None) ->
 def render_scene(
     pbrt: Pbrt, scene: Scene, timeout: float | None = None, quiet: bool = False, _still: float = STILL
 ) -> np.ndarray:
-    """Run ``pbrt`` on one scene: the image is (R, R, 3) float32, radiance, 0 outside the disc.
+    """Run ``pbrt`` on one scene; returns radiance (R, R, 3) float32, 0 outside the disc.
 
-    ``timeout`` is in seconds; by default a program is given up when it stands still. ``quiet`` avoids the wait of up to
-    a second for PBRT's progress bar, and hides warnings. Raises :class:`LightdomeError` where PBRT does not start,
-    fails, reports an error, takes longer or stands still, or leaves no good image.
+    ``timeout`` is in seconds; by default, a render is given up once it stands still. ``quiet`` skips the wait of up to
+    a second for PBRT's progress bar, and hides warnings. Raises :class:`LightdomeError` if PBRT does not start, fails,
+    reports an error, takes too long, stands still, or leaves no usable image.
     """
     checks.instance("the program", pbrt, Pbrt)
     checks.instance("the scene", scene, Scene)
@@ -253,7 +254,7 @@ def render_scene(
 
 
 class _Watch:
-    """Tells whether a render of ``samples`` stands still, from how far its bar is; ``patience`` is as STILL."""
+    """Tells from the progress bar whether a render of ``samples`` stands still; ``patience`` is like STILL."""
 
     def __init__(self, samples: int, patience: float) -> None:
         self._patience = patience
@@ -263,7 +264,7 @@ class _Watch:
         self._longest_step = 0.0
 
     def update(self, fraction: float | None) -> bool:
-        """Note that the bar stands at ``fraction``, None where there is no bar; whether it is time to give up."""
+        """Note that the bar is at ``fraction``, None without a bar; returns whether it is time to give up."""
         now = time.monotonic()
         if fraction is not None and fraction != self._fraction:
             self._longest_step = max(self._longest_step, now - self._moved)
@@ -272,7 +273,7 @@ class _Watch:
         return now - self._moved > self._allowed
 
     def still(self) -> float:
-        """Seconds since the bar moved."""
+        """Seconds since the bar last moved."""
         return time.monotonic() - self._moved
 
 
@@ -283,12 +284,13 @@ def _run(
     progress: Progress | None = None,
     terminal: bool = False,
 ) -> tuple[int, str]:
-    """Run ``command`` without a shell: its exit status and the end of what it printed, colours removed.
+    """Run ``command`` without a shell; returns its exit status and the end of its output, colours removed.
 
-    ``terminal`` gives it a pseudo-terminal to print to, where there are such: the ports draw their bar on nothing else.
+    ``terminal`` gives it a pseudo-terminal for its output, if the system has them: the ports draw a bar on nothing
+    else.
 
-    Raises ``TimeoutError`` after ``timeout`` seconds, or without one when ``watch`` says so; the program and its
-    children are gone whenever this returns or raises.
+    Raises ``TimeoutError`` after ``timeout`` seconds, or if there is no timeout, when ``watch`` gives up. The program
+    and its children are gone whenever this returns or raises.
     """
     with tempfile.TemporaryDirectory(prefix="lightdome-", ignore_cleanup_errors=True) as folder:
         ends = os.openpty() if terminal and hasattr(os, "openpty") else os.pipe()
@@ -300,7 +302,7 @@ def _run(
                 stdout=ends[1],
                 stderr=subprocess.STDOUT,
                 cwd=folder,
-                # Version 3 logs into the temporary folder of the system unless told otherwise.
+                # By default, version 3 logs to the system's temporary folder.
                 env={**os.environ, "GLOG_log_dir": folder},
                 start_new_session=True,
             )
@@ -331,7 +333,7 @@ def _run(
         finally:
             kill_session(process)
             atexit.unregister(kill_session)
-        # A grandchild that left the session could hold the pipe open for ever.
+        # A grandchild that left the session could hold the pipe open forever.
         reader.join(2.0)
         text = bytes(output).decode("utf-8", "replace")
         return process.returncode, _COLOUR.sub("", text)
@@ -341,7 +343,7 @@ def _collect(stream: io.BufferedReader, output: bytearray) -> None:
     with contextlib.suppress(OSError, ValueError), stream:
         while chunk := stream.read1(4096):
             output += chunk
-            # The banner and the first message stand at the beginning, the progress at the end; errors anywhere.
+            # The banner and the first message are at the start, the progress at the end; errors are anywhere.
             if len(output) > 2**16:
                 middle = bytes(output[2**14 : -(2**14)]).decode("utf-8", "replace")
                 loud = [
@@ -351,17 +353,17 @@ def _collect(stream: io.BufferedReader, output: bytearray) -> None:
 
 
 def _fraction_done(output: bytearray) -> float | None:
-    """How far PBRT says it is: it redraws ``Rendering: [+++   ]``, a port ``x.exr: [███   ]``. None without a bar."""
+    """How far PBRT's bar is: it redraws ``Rendering: [+++   ]``, a port ``x.exr: [███   ]``. None without a bar."""
     text = _COLOUR.sub("", output[-4096:].decode("utf-8", "replace"))
     bars = [bar for bar in re.findall(r"\[([+▁-▏]*)( *)\]", text) if bar != ("", "")]
     return len(bars[-1][0]) / sum(map(len, bars[-1])) if bars else None
 
 
 def kill_session(process: subprocess.Popen[bytes] | subprocess.Popen[str]) -> None:
-    """End ``process``, which was started in a session of its own, and all that it started."""
+    """Kill ``process``, which was started in its own session, and everything that it started."""
     if process.poll() is not None:
         return
-    # The whole session, for a pbrt that is a script which starts the real one.
+    # Kill the whole session: pbrt may be a script that starts the real program.
     with contextlib.suppress(OSError):
         if hasattr(os, "killpg"):
             os.killpg(process.pid, signal.SIGKILL)
@@ -379,8 +381,8 @@ def _ending(code: int) -> str:
         return f"crashed (signal {-code})"
 
 
-# PBRT-v3 and -v4 print `Error: ...`, after the place in the scene or before it; the ports a time and `ERROR] ...`; the
-# logs have `E1231 ...` (version 3) or `[ ... ] ERROR ...` (version 4).
+# PBRT-v3 and -v4 print `Error: ...`, before or after the place in the scene; the ports print a time and `ERROR] ...`;
+# the logs have `E1231 ...` (version 3) or `[ ... ] ERROR ...` (version 4).
 _ERROR = re.compile(r"(?:^|[\s:])(?:Error:|Fatal:|ERROR\]|FATAL\])|^[EF]\d{4} |^\[.*\] (?:ERROR|FATAL)\b")
 _WARNING = re.compile(r"(?:^|[\s:])(?:Warning:|WARN ?\])|^W\d{4} |^\[.*\] WARN")
 _COLOUR = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")
@@ -398,7 +400,7 @@ def _lines(text: str) -> list[str]:
 
 
 def _gist(text: str) -> str:
-    """The line of a program's output that most likely says what went wrong."""
+    """The line of a program's output that is most likely to say what went wrong."""
     lines = _lines(text)
     errors = [line for line in lines if re.search(r"\b(error|fatal|check failed)\b", line, re.IGNORECASE)]
     return _short((errors or lines[-1:] or ["nothing"])[0])

@@ -1,18 +1,17 @@
-"""The diffuse sphere as scenes for PBRT, version 3 or 4, which ports of it take too.
+"""The diffuse sphere as scenes for PBRT version 3 or 4, which ports of PBRT read too.
 
-The scene is ours exactly. Its camera looks along -z with +x to the right and +y up, the surface is lit
-directly and nothing else, and PBRT takes all samples of a pixel at its centre, where we take the
-normal: both programs estimate the same integral. What PBRT sees of the map beside the sphere is masked
-when its image is read.
+The scene matches lightdome's exactly. Its camera looks along -z, with +x to the right and +y up; the surface has direct
+light only; and PBRT takes all samples of a pixel at its centre, where lightdome takes the normal. So both programs
+estimate the same integral. What PBRT sees of the map next to the sphere is masked when its image is read.
 
-The map differs by version. PBRT-v3 reads latitude-longitude as it is, but interpolates between pixels
-where ours and PBRT-v4's are constant. PBRT-v4 needs an equal-area square, see
-:mod:`lightdome.pbrt.equal_area`, and renders with spectra: an RGB radiance becomes a smooth spectrum and the
-film turns it back. White comes back exactly; the weak channels of a strong colour were measured up to
-0.8 % too dark, and noisier than the rest.
+The map differs by version. PBRT-v3 reads latitude-longitude maps as they are, but interpolates between pixels, where
+lightdome and PBRT-v4 treat each pixel as constant. PBRT-v4 needs an equal-area square (see
+:mod:`lightdome.pbrt.equal_area`) and renders with spectra: an RGB radiance becomes a smooth spectrum, and the film
+turns it back. White comes back exactly; the weak channels of a strong colour were measured up to 0.8 % too dark, and
+noisier than the rest.
 
-The sampler is PBRT-v4's best, zsobol, for powers of two and Halton for other numbers of samples; in
-PBRT-v3 only Halton can keep to the centres of pixels.
+The sampler is PBRT-v4's best, zsobol, if the number of samples is a power of two, and Halton for other numbers. In
+PBRT-v3, only Halton can keep to the centres of pixels.
 
 Source: the file formats at https://pbrt.org/fileformat-v3 and https://pbrt.org/fileformat-v4.
 """
@@ -30,11 +29,12 @@ from ..disc import check_resolution
 from ..files import replacing
 from ..maps.envmap import EnvironmentMap
 from ..maps.images import write_image
+from ..names import SEED
 from .equal_area import to_equal_area
 
 VERSIONS = (3, 4)
 MAPS = {3: "map_v3_latlong.pfm", 4: "map_v4_equalarea.exr"}
-# Version 3 keeps 16 bits of an .exr's pixels, both ways, but all of a .pfm's. Its port writes no .pfm.
+# Version 3 reads and writes .exr pixels in 16 bits, but .pfm in full precision. Its port cannot write .pfm.
 IMAGE_SUFFIX = {3: ".pfm", 4: ".exr"}
 TEMPLATE = {
     3: """\
@@ -86,7 +86,7 @@ Shape "sphere" "float radius" [1]
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene file for PBRT ``version``; its image times 2^``exponent`` is the radiance."""
+    """A scene file for PBRT ``version``; the radiance is its image times 2^``exponent``."""
 
     path: Path
     version: int
@@ -96,11 +96,11 @@ class Scene:
 
 
 def scene_text(
-    version: int, spp: int, resolution: int = 511, albedo: float = 1.0, seed: int = 0, exponent: int = 0
+    version: int, spp: int, resolution: int = 511, albedo: float = 1.0, seed: int = SEED, exponent: int = 0
 ) -> str:
     """The scene file for PBRT ``version`` (3 or 4) with ``spp`` samples per pixel and a map scaled by 2^-``exponent``.
 
-    ``seed`` counts modulo 2^31, and only for version 4: version 3 has none. Raises
+    ``seed`` counts modulo 2^31, and only in version 4; version 3 has no seed. Raises
     :class:`LightdomeError` for an albedo outside 0 to 1 and for other numbers out of range.
     """
     resolution = check_resolution(resolution)
@@ -122,7 +122,7 @@ def scene_text(
 
 
 def sampler_name(spp: int) -> str:
-    """PBRT-v4's: zsobol is the best, but renders the next lower power of two of samples."""
+    """PBRT-v4's sampler: zsobol is the best, but it rounds the number of samples down to a power of two."""
     return "halton" if spp & (spp - 1) else "zsobol"
 
 
@@ -132,19 +132,19 @@ def write_scenes(
     spp: Sequence[int],
     resolution: int = 511,
     albedo: float = 1.0,
-    seed: int = 0,
+    seed: int = SEED,
     versions: Sequence[int] = VERSIONS,
 ) -> list[Scene]:
-    """Write the maps and a scene for each of ``versions`` and ``spp`` into ``folder``, which must exist.
+    """Write the maps, and a scene for each of ``versions`` and ``spp``, into ``folder``, which must exist.
 
-    Scenes name their map without a folder, so the whole folder can be moved. For the arguments and errors
-    see :func:`scene_text`; raises :class:`LightdomeError` also where a file cannot be written.
+    Scenes name their map without a folder, so the whole folder can be moved. See :func:`scene_text` for the arguments
+    and errors; also raises :class:`LightdomeError` if a file cannot be written.
     """
     folder = checks.path(folder)
     checks.instance("the map", envmap, EnvironmentMap)
     spp = sorted(set(checks.wholes("samples per pixel", spp, 1, 2**31 - 1)))
     versions = checks.wholes("versions of PBRT", versions, *VERSIONS)
-    # PBRT sums pixels in plain float32, after factors of several thousand: keep it far from the limits.
+    # PBRT sums pixels in plain float32, after factors of several thousand, so keep them far from its limits.
     exponent = int(np.frexp(envmap.peak)[1])
     exponent = exponent if abs(exponent) > 30 else 0
     scenes, texts = [], []
@@ -163,9 +163,9 @@ def write_scenes(
 
 
 def _readable(radiance: np.ndarray) -> np.ndarray:
-    """``radiance`` for a .pfm whose first byte is no white space, which pbrt-r3 takes for a part of the header.
+    """``radiance`` for a .pfm whose first byte is not white space, which pbrt-r3 would take for part of the header.
 
-    That is the lowest byte of red at the bottom left, so it takes at most five steps of its last digit.
+    That byte is the lowest of red at the bottom left, so at most five steps in its last digit are enough.
     """
     result = radiance.astype("<f4")
     while result[-1, 0, :1].tobytes()[0] in b"\t\n\v\f\r ":

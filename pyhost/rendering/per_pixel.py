@@ -33,7 +33,7 @@ from ..errors import LightdomeError
 from ..float_range import to_float32
 from ..names import ESTIMATORS as ESTIMATORS
 from ..names import PIXEL_SEQUENCES as SEQUENCES
-from ..names import WITHIN
+from ..names import SEED, WITHIN
 from ..opencl import memory
 from ..progress import Progress
 from ..sampling.cdf import build_cdf
@@ -57,7 +57,7 @@ def render(
     spp: Sequence[int],
     resolution: int = 511,
     albedo: float = 1.0,
-    seed: int = 0,
+    seed: int = SEED,
     estimator: str = "light",
     sequence: str = "independent",
     mis_compensation: bool = False,

@@ -15,7 +15,7 @@ import numpy as np
 from .. import __version__, checks
 from ..errors import LightdomeError
 from ..maps.envmap import EnvironmentMap
-from ..names import WITHIN
+from ..names import SEED, WITHIN
 from ..opencl.device import Device
 from .cdf import MapCDF, build_cdf
 from .device_map import DeviceMap
@@ -55,7 +55,7 @@ class Distribution:
         per_sine = self.map.solid_angles[0] / np.sin(self.map.row_angles[0])
         return self.total / self.map.scale / 3 * per_sine
 
-    def sample(self, count: int, seed: int = 0, sequence: str = "independent", within: str = "centre") -> Samples:
+    def sample(self, count: int, seed: int = SEED, sequence: str = "independent", within: str = "centre") -> Samples:
         """Draw ``count`` samples. The same ``seed`` gives the same samples on every device.
 
         ``sequence`` names the points (``clkernels/common/sequence.clh``): ``independent``; ``stratified``, in cells of
@@ -73,7 +73,9 @@ class Distribution:
         """
         return self._sample(sequence_points(count, seed, sequence), sequence, seed, within)
 
-    def sample_pixels(self, count: int, seed: int = 0, sequence: str = "independent") -> tuple[np.ndarray, np.ndarray]:
+    def sample_pixels(
+        self, count: int, seed: int = SEED, sequence: str = "independent"
+    ) -> tuple[np.ndarray, np.ndarray]:
         """The ``pixel`` (N, 2) int32 and ``probability`` (N,) float32 of :meth:`sample` alone, in half the time.
 
         Raises :class:`LightdomeError` as :meth:`sample` does.

@@ -18,7 +18,7 @@ from ..errors import LightdomeError
 from ..maps.envmap import EnvironmentMap, Inspection, Replaced
 from ..maps.geometry import row_angles
 from ..maps.images import ImageRows
-from ..names import WITHIN
+from ..names import SEED, WITHIN
 from ..opencl import memory
 from ..opencl.device import Device
 from ..opencl.memory import DeviceArray
@@ -45,7 +45,7 @@ def sample_file(
     device: Device,
     image: ImageRows,
     counts: Sequence[int],
-    seed: int = 0,
+    seed: int = SEED,
     sequence: str = "independent",
     *,
     within: str = "centre",

@@ -71,7 +71,7 @@ def test_a_mistake_is_told_by_its_name(lamps: EnvironmentMap, references: dict[f
 
 def test_every_cause_is_a_mistake_of_the_student() -> None:
     said = " ".join(MISTAKES.values())
-    assert [cause.name for cause in CAUSES if cause.name not in said] == []
+    assert [cause.name for cause in CAUSES if cause.name not in said and not cause.in_pictures] == []
 
 
 def test_the_page_on_checks_has_every_cause() -> None:
@@ -171,7 +171,11 @@ def test_of_a_picture_only_the_shape_counts(
 
 def test_what_no_mistake_explains_has_no_name(references: dict[float, Reference], image: np.ndarray) -> None:
     noise = np.random.default_rng(0).random(image.shape).astype(np.float32)
-    for bad in (noise, image * np.linspace(0.5, 1.5, SIDE, dtype=np.float32)[:, None]):
+    assert "does not look like a sphere" in references[1.0].check(noise, COUNT).verdict
+    for bad in (
+        np.where(disc_mask(SIDE)[..., None], noise, 0),
+        image * np.linspace(0.5, 1.5, SIDE, dtype=np.float32)[:, None],
+    ):
         check = references[1.0].check(bad, COUNT)
         assert check.agrees is False
         assert check.cause is None
@@ -222,5 +226,38 @@ def test_a_large_map_is_made_smaller_for_what_mistakes_look_like(device: Device)
     radiance = np.random.default_rng(0).random((1100, 130, 3)).astype(np.float32)
     reference = Reference(device, EnvironmentMap(radiance))
     assert reference.small.height == 367
-    assert len(reference.blocks[0]) < 130 * 128
+    assert len(reference.blocks(reference.small.radiance)[0]) < 130 * 128
     np.testing.assert_allclose(reference.seen, reference.right, rtol=0.02)
+
+
+PAIRS = (
+    "no sine + map clipped",
+    "x and y swapped + sine twice",
+    "channels swapped + flat normals",
+    "absolute cosine + no sine",
+    "no sine + mirrored",
+    "normals without root + rows upside down",
+)
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+def test_two_mistakes_are_told_as_two(lamps: EnvironmentMap, references: dict[float, Reference], pair: str) -> None:
+    check = references[1.0].check(render(lamps.radiance, COUNT, SIDE, 1, pair), COUNT)
+    assert check.agrees is False
+    assert "two mistakes: " in check.verdict or "more than one mistake; closest: " in check.verdict
+    for mistake in pair.split(" + "):
+        assert MISTAKES[mistake].rstrip(":") in check.verdict
+
+
+@pytest.mark.parametrize("exposure", [0.1, 0.5])
+def test_a_picture_without_gamma_or_with_it_twice_is_told(
+    references: dict[float, Reference], image: np.ndarray, exposure: float
+) -> None:
+    linear = np.rint(255 * np.clip(image * exposure, 0, 1)) / 255  # what the file's numbers are taken for: encoded
+    check = references[1.0].check(linear**2.2, COUNT, linear=False)
+    assert check.cause is not None
+    assert check.cause.name == "picture not gamma-encoded"
+    twice = np.rint(255 * np.clip(image * exposure, 0, 1) ** (1 / 2.2**2)) / 255
+    check = references[1.0].check(twice**2.2, COUNT, linear=False)
+    assert check.cause is not None
+    assert check.cause.name == "picture gamma-encoded twice"

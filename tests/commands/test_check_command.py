@@ -53,6 +53,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
+@pytest.mark.slow
 def test_the_exit_status_is_the_verdict(run: Run, folder: Path) -> None:
     for name in ("right.pfm", "right.exr", "right.png", "right.ppm", "right.npz"):
         result = run(folder / name, "--map", folder / "map.pfm", "--samples", 1024)
@@ -66,6 +67,7 @@ def test_the_exit_status_is_the_verdict(run: Run, folder: Path) -> None:
     assert result.stdout.startswith("cannot tell: ")
 
 
+@pytest.mark.slow
 def test_json_and_a_picture_are_written(run: Run, folder: Path, tmp_path: Path) -> None:
     arguments = ["--map", folder / "map.pfm", "--samples", 1024, "--json", "--out", tmp_path]
     result = run(folder / "wrong.pfm", *arguments)

@@ -110,6 +110,7 @@ class Page(html.parser.HTMLParser):
         self.text += data
 
 
+@pytest.mark.slow
 def test_a_folder_becomes_a_table_and_a_page(run: Run, folder: Path, tmp_path: Path) -> None:
     result = run("folder", folder / "class", "--map", folder / "map.pfm", "--eta", 1.5, "--out", tmp_path, "--json")
     assert result.returncode == 1

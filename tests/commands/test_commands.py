@@ -1,4 +1,4 @@
-"""What parts 1 to 4 say: decisions that hold for each result, given numbers to their last digit, and an order."""
+"""The output of parts 1 to 4: the decisions for each result, given numbers in full, and the order of results."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lightdome.fresnel.equations import summarise
 from lightdome.lighting.exact import exact
 from lightdome.lighting.shade import shade, shade_samples
 from lightdome.maps.envmap import EnvironmentMap
-from lightdome.maps.images import tone_map, write_image
+from lightdome.maps.images import auto_exposure, read_image, tone_map, write_image
 from lightdome.opencl.device import Device
 from lightdome.rendering.per_pixel import render
 from lightdome.sampling.distribution import build_distribution
@@ -27,12 +27,12 @@ def small_map(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def said(result: object, of: str) -> set[str]:
-    """What was explained of one result, without the reasons."""
+    """The explanations of one result, without the reasons."""
     lines = [line.removeprefix(f"{of}: ") for line in result.stdout.splitlines() if line.startswith(f"{of}: ")]
     return {line.partition(";")[0] for line in lines}
 
 
-def test_each_count_is_explained_by_itself(run_here: Script, small_map: Path, tmp_path: Path) -> None:
+def test_each_count_is_explained_separately(run_here: Script, small_map: Path, tmp_path: Path) -> None:
     result = run_here("part2_sample", "--map", small_map, "--counts", 1000, 4, "--explain", "--out", tmp_path)
     assert result.returncode == 0, result.stderr
     assert said(result, "4 samples") == {"skipped: guide tables"}
@@ -48,7 +48,7 @@ def test_each_count_is_explained_by_itself(run_here: Script, small_map: Path, tm
 
 
 @pytest.mark.parametrize(("counts", "guided"), [((3, 4), "skipped"), ((4, 1000), "used")])
-def test_samples_alone_are_explained(
+def test_samples_only_is_explained(
     run_here: Script, small_map: Path, tmp_path: Path, counts: tuple[int, int], guided: str
 ) -> None:
     options = ("--samples-only", "--explain", "--out", tmp_path)
@@ -66,7 +66,7 @@ def test_images_of_part_4_are_explained(run_here: Script, small_map: Path, tmp_p
     assert "skipped: scaling of weights" in said(result, "the map")
 
 
-def test_a_later_decision_takes_an_earlier_one_back() -> None:
+def test_a_later_decision_replaces_an_earlier_one() -> None:
     decisions = Decisions()
     decisions.skip("tables", "few")
     decisions.use("tables", "many")
@@ -74,7 +74,7 @@ def test_a_later_decision_takes_an_earlier_one_back() -> None:
     assert decisions.take() == []
 
 
-def test_what_is_noted_is_what_happens(device: Device) -> None:
+def test_decisions_are_what_happens(device: Device) -> None:
     def made() -> dict[str, bool]:
         return {decision.what: decision.used for decision in device.decisions.take()}
 
@@ -100,7 +100,7 @@ def test_what_is_noted_is_what_happens(device: Device) -> None:
         shade(device, direction, np.ones((1, 3)), 64, brute_force=brute_force)
         assert made()["brute force over pairs of pixel and light"] == (brute_force or device.is_gpu)
     shade(device, direction, np.ones((1, 3)), 1)
-    assert "tiles outside the disc" not in made()  # there are none
+    assert "tiles outside the disc" not in made()  # there are none outside
     list(render(build_distribution(device, EnvironmentMap(np.zeros((4, 8, 3)))), [1], 9))
     assert made()["rendering"] is False
 
@@ -116,6 +116,32 @@ def test_part_3_lists_its_images_in_the_order_of_their_counts(
     exposure = ("--exposure", "0.12345678", "--gamma", "2.20000001")
     last = run_here("part3_shade", files[2], "--resolution", 9, *exposure, "--out", tmp_path / "out").stdout
     assert last.splitlines()[-1] == "exposure 0.12345678, gamma 2.20000001"
+
+
+@pytest.mark.parametrize("albedo", [1.0, 0.5])
+def test_all_pictures_of_a_sphere_share_the_exposure_of_the_exact_one(
+    run_here: Script, device: Device, small_map: Path, tmp_path: Path, albedo: float
+) -> None:
+    of_map = ("--map", small_map)
+    sphere = ("--albedo", albedo, "--resolution", 65)
+    assert run_here("part2_sample", *of_map, "--counts", 3, 20, "--out", tmp_path).returncode == 0
+    few, more = (tmp_path / f"samples_{n}.npz" for n in (3, 20))
+    runs = (
+        ("part3_shade", few, *sphere),
+        ("part3_shade", more, few, *sphere),
+        ("part4_pbrt", *of_map, "--renderer", "opencl", "--spp", 2, *sphere),
+        ("exact", *of_map, *sphere),
+    )
+    said = {run_here(*words, "--out", tmp_path / "out").stdout.splitlines()[-1] for words in runs}
+    (line,) = said
+    exposure = float(line.removeprefix("exposure ").partition(",")[0])
+    assert exposure == pytest.approx(auto_exposure(exact(device, EnvironmentMap.read(small_map), 65, albedo)), rel=0.01)
+
+    # Samples of another map than the settings beside them tell of have the exposure of their own image.
+    few.write_bytes(more.read_bytes())
+    other = run_here("part3_shade", few, "--resolution", 65, "--out", tmp_path / "out").stdout.splitlines()[-1]
+    image = auto_exposure(read_image(tmp_path / "out" / "sphere_20.pfm"))
+    assert other == f"exposure {image:.4g}, gamma 2.2"
 
 
 def test_part_1_says_the_index_that_it_was_given(run_here: Script, tmp_path: Path) -> None:
@@ -134,7 +160,7 @@ def test_no_extreme_of_exposure_or_gamma_leaks_a_warning() -> None:
         with np.errstate(over="ignore"):
             exposed = radiance.astype(np.float64) * exposure
         for gamma in EXTREMES:
-            # By a large gamma any light is white, by a small one what is not burnt out is black.
+            # With a large gamma any light is white; with a small one, whatever is not white is black.
             white = exposed > 0 if gamma > 1 else exposed >= 1
             np.testing.assert_array_equal(tone_map(radiance, exposure, gamma), np.where(white, 255, 0))
 
@@ -152,7 +178,7 @@ def test_no_extreme_of_albedo_leaks_a_warning(device: Device) -> None:
 
 
 @pytest.mark.parametrize("eta", EXTREMES)
-def test_an_index_is_used_or_refused_for_a_true_reason(eta: float) -> None:
+def test_an_index_is_used_or_refused_for_the_right_reason(eta: float) -> None:
     if eta > 1e-323:
         assert summarise(eta).normal_reflectance_p == pytest.approx(1)
     else:

@@ -1,4 +1,4 @@
-"""``lightdome convert`` writes a map in another projection, and says in a line what it took the map for."""
+"""``lightdome convert`` writes a map in another projection, and says in one line which projection it detected."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def path(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("suffix", ["exr", "pfm"])
-def test_a_map_is_written_as_convert_has_it(
+def test_the_command_writes_what_convert_returns(
     path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = path.with_name(f"out.{suffix}")
@@ -49,7 +49,7 @@ def test_only_openexr_s_own_cube_says_so_in_its_header(path: Path, monkeypatch: 
         assert (b"envmap\0envmap\0" in out.read_bytes()) == (to == "cube-openexr")
 
 
-def test_what_a_file_is_taken_for_is_said_and_can_be_overridden(
+def test_the_detected_projection_is_reported_and_can_be_overridden(
     path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     probe, out = path.with_name("probe.exr"), path.with_name("out.pfm")
@@ -86,7 +86,7 @@ def test_a_map_is_written_for_another_program(path: Path, size: int | None, monk
         ("size of the cube-strip map", ("--to", "cube-strip", "--size", 100000)),
     ],
 )
-def test_what_cannot_be_is_refused_and_nothing_is_written(
+def test_an_impossible_conversion_is_refused_and_nothing_is_written(
     path: Path, words: str, more: tuple[object, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = path.with_name("out.exr")
@@ -103,7 +103,7 @@ def test_a_file_that_cannot_be_written_is_refused_before_the_map_is_read(
         run(monkeypatch, path, path.with_name("out.hdr"), "--to", "latlong")
     with pytest.raises(LightdomeError, match="no folder"):
         run(monkeypatch, path, path.parent / "nowhere" / "out.pfm", "--to", "latlong")
-    with pytest.raises(LightdomeError, match="only the header"):
+    with pytest.raises(LightdomeError, match=r"only an \.exr file can say in its header"):
         run(monkeypatch, path, path.with_name("out.pfm"), "--to", "cube-openexr")
 
 

@@ -20,7 +20,7 @@ DEFAULT = ROOT / "data" / "default.exr"
 
 @pytest.fixture
 def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> object:
-    """Run the command with arguments: its exit status, output and errors."""
+    """Run the command with arguments; returns its exit status, output and errors."""
 
     def run(*arguments: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["lightdome info", *map(str, arguments)])
@@ -39,14 +39,14 @@ def bad(tmp_path: Path) -> Path:
     return tmp_path / "bad.pfm"
 
 
-def test_text_says_the_verdicts_first(run: object, bad: Path) -> None:
+def test_the_text_begins_with_the_verdicts(run: object, bad: Path) -> None:
     status, said, errors = run(DEFAULT, bad)
     assert (status, errors) == (0, "")
     first, second = said.split("\n\n")
     lines = first.splitlines()
     assert lines[0] == f"{DEFAULT}: 1024 x 512, OpenEXR, half, latlong"
     assert lines[1].split()[:3] == ["clipping", "not", "clipped:"]
-    assert "azimuth 118.1, elevation 24.3 degrees, radius 1.31, 21.3 % of the light" in lines[2]
+    assert "azimuth 118.1, elevation 24.3 degrees, radius 1.31 degrees, 21.3 % of the light" in lines[2]
     assert lines[3].split() == ["bad", "pixels", "none"]
     assert "1 NaN, 1 negative" in second
     assert all(len(line) < 140 for line in said.splitlines())
@@ -62,7 +62,7 @@ def test_json_is_the_analysis_in_full(run: object, bad: Path) -> None:
     assert status == 0
 
 
-def test_black_and_odd_maps_are_told_too(run: object, tmp_path: Path) -> None:
+def test_black_and_odd_maps_are_analysed_too(run: object, tmp_path: Path) -> None:
     write_image(tmp_path / "black.pfm", np.zeros((4, 4, 3), np.float32))
     status, said, _ = run(tmp_path / "black.pfm")
     assert status == 0
@@ -80,14 +80,14 @@ def test_one_bad_file_does_not_stop_the_others(run: object, tmp_path: Path, bad:
     assert (status, said, len(errors.splitlines())) == (1, "", 1)
 
 
-def test_layer_and_flip_are_those_of_reading(run: object, bad: Path) -> None:
+def test_layer_and_flip_work_as_for_reading(run: object, bad: Path) -> None:
     normal, flipped = (json.loads(run(bad, "--json", *more)[1]) for more in ((), ("--flip",)))
     up, down = "irradiance_up_rgb_radiance_sr", "irradiance_down_rgb_radiance_sr"
     assert flipped[up] == pytest.approx(normal[down])
     assert "layers" in run(bad, "--layer", "side")[2]
 
 
-def test_a_map_is_told_as_it_is_turned(run: object, tmp_path: Path) -> None:
+def test_a_turned_map_is_analysed_as_turned(run: object, tmp_path: Path) -> None:
     expected = EnvironmentMap.read(DEFAULT, convention="cycles").mirrored().rotated(90)
     turn = ("--convention", "cycles", "--mirror", "--rotate", "90")
     status, said, _ = run(DEFAULT, "--json", *turn, "--split-sun", tmp_path)
@@ -99,7 +99,7 @@ def test_a_map_is_told_as_it_is_turned(run: object, tmp_path: Path) -> None:
     np.testing.assert_allclose(sun + rest, expected.radiance, rtol=1e-6)
     status, _, errors = run(DEFAULT, "--rotate", "0", "20", "0")
     assert status == 1
-    assert "turns by whole columns only" in errors
+    assert "can only turn by whole columns" in errors
     assert "lightdome convert" in errors
 
 
@@ -117,8 +117,9 @@ def test_the_sun_is_split_off(run: object, tmp_path: Path, bad: Path) -> None:
     assert "different names" in errors
 
 
-def test_another_projection_is_resampled_and_told(run: object, tmp_path: Path) -> None:
-    """By detection or by name; the light is where it was."""
+@pytest.mark.slow
+def test_another_projection_is_resampled_and_reported(run: object, tmp_path: Path) -> None:
+    """By detection or by name; the light stays where it was."""
     envmap = EnvironmentMap.read(DEFAULT)
     write_image(tmp_path / "cross.pfm", convert(envmap.radiance, "latlong", "cube-cross", 64))
     write_image(tmp_path / "probe.pfm", convert(envmap.radiance, "latlong", "angular", 128))

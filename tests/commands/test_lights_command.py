@@ -58,6 +58,15 @@ def assert_lights(path: Path, lights: Lights) -> None:
     np.testing.assert_allclose(found[:, 3:], lights.flux, rtol=1e-8)
 
 
+def test_explain_says_what_was_skipped(run: Callable[..., Path], capsys: pytest.CaptureFixture[str]) -> None:
+    plain = run(with_sun(), "--count", 3).read_bytes()
+    assert "skipped: " not in capsys.readouterr().out
+    assert run(with_sun(), "--count", 3, "--explain").read_bytes() == plain
+    said = capsys.readouterr().out
+    assert "3 lights: skipped: scaling of weights; " in said
+    assert "\nbuilt " in said
+
+
 @pytest.mark.parametrize("method", LIGHT_METHODS)
 def test_all_lights_together_have_the_maps_flux(run: Callable[..., Path], method: str) -> None:
     radiance = with_sun()
@@ -104,7 +113,7 @@ def test_the_format_is_that_of_the_suffix_or_of_the_option(
         assert f"wrote {path}: 3 lights by median-cut, as {name}\n" in capsys.readouterr().out
 
 
-def test_options_of_the_map_and_the_device_count(run: Callable[..., Path], device: Device) -> None:
+def test_map_and_device_options_take_effect(run: Callable[..., Path], device: Device) -> None:
     radiance = stiff_radiance(8, 16)
     flipped = EnvironmentMap(np.ascontiguousarray(radiance[::-1]))
     assert_lights(run(radiance, "--flip", "--count", 3), median_cut(build_distribution(device, flipped), 3))
@@ -126,12 +135,12 @@ ONE_PIXEL[2, 3] = 1
         (np.zeros((8, 16, 3), np.float32), ("--method", "r2"), "black everywhere"),
         (ONE_PIXEL, ("--count", 2), "only 1 of the map's pixels have light.*--count"),
         (with_sun(), ("--method", "sun+median-cut", "--count", 1), "at least 2"),
-        (np.where(with_sun() > 1, with_sun(), 0), ("--method", "sun+median-cut"), "nothing but the sun"),
+        (np.where(with_sun() > 1, with_sun(), 0), ("--method", "sun+median-cut"), "no light but the sun"),
         (np.ones((8, 16, 3), np.float32), ("--method", "sun+median-cut"), "no sun"),
         (np.full((8, 16, 3), 3e38, np.float32), ("--format", "pbrt", "--count", 1), "scale the map down"),
     ],
 )
-def test_a_map_without_those_lights_is_refused_in_words(
+def test_a_map_with_too_few_lights_is_refused(
     run: Callable[..., Path], tmp_path: Path, radiance: np.ndarray, options: tuple[object, ...], words: str
 ) -> None:
     with pytest.raises(LightdomeError, match=words) as refused:
@@ -141,7 +150,7 @@ def test_a_map_without_those_lights_is_refused_in_words(
 
 
 @pytest.mark.parametrize(("out", "words"), [("lights.max", "says no format"), ("nowhere/lights.csv", "no folder")])
-def test_a_file_that_cannot_be_is_told_before_any_work(run: Callable[..., Path], out: str, words: str) -> None:
+def test_an_impossible_file_is_reported_before_any_work(run: Callable[..., Path], out: str, words: str) -> None:
     with pytest.raises(LightdomeError, match=words):
         run(ONE_PIXEL, "--device", "Voodoo 2", out=out)
 
@@ -157,7 +166,7 @@ def test_a_wrong_command_line_exits_with_2(run: Callable[..., Path], options: tu
 
 
 @pytest.mark.slow
-def test_the_console_program_has_it_and_tells_a_mistake_in_one_line(tmp_path: Path) -> None:
+def test_the_console_program_runs_it_and_reports_a_mistake_in_one_line(tmp_path: Path) -> None:
     words = [sys.executable, "-m", "lightdome", "lights", "missing.exr", "--out", "lights.csv"]
     result = subprocess.run(words, capture_output=True, text=True, timeout=LONG, cwd=tmp_path, env=dict(os.environ))
     fails_in_one_line(result, "missing.exr")

@@ -1,7 +1,7 @@
 """Every option of every script does what it says, and nothing else.
 
-A case runs a script in this process with the option and without it, or with two values, and says what must change and
-what must not. A script's options are read from its parser: one without a case fails.
+A case runs a script in this process with and without the option, or with two values, and states what must change and
+what must not. The options are read from each script's parser; an option without a case fails.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from types import SimpleNamespace
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from helpers import SCRIPTS, module_of, stiff_radiance
+from helpers import SCRIPTS, module_of, open_once, stiff_radiance
 from lightdome import pbrt, plotting
 from lightdome.cache import cache_folder
 from lightdome.errors import LightdomeError
@@ -36,6 +36,7 @@ from lightdome.evaluation import (
     peers,
     report,
     roofline,
+    roofline_plot,
     roofline_stages,
     stability,
     stability_cases,
@@ -48,8 +49,9 @@ from lightdome.lighting.shade import shade_samples
 from lightdome.maps import convert
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import auto_exposure, read_image, write_image
-from lightdome.names import ESTIMATORS, METHODS
-from lightdome.opencl.device import open_device
+from lightdome.maps.sphere import sphere_exposure
+from lightdome.names import ESTIMATORS, METHODS, SEED
+from lightdome.opencl import device
 from lightdome.rendering.per_pixel import render
 from lightdome.sampling.distribution import build_distribution
 from lightdome.sampling.samples import Samples
@@ -57,7 +59,7 @@ from lightdome.sampling.samples import Samples
 
 @dataclass
 class Ran:
-    """What a run left: its files by their names, and what it said."""
+    """The results of a run: its files by name, and its output."""
 
     out: Path
     said: str
@@ -88,7 +90,7 @@ CASES: dict[tuple[str, str], Case_] = {}
 
 
 def option(name: str, *scripts: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Make a function the case of option ``name`` of ``scripts``; of several it is told which."""
+    """Make a function the case for option ``name`` of ``scripts``; if there are several, it receives the script."""
 
     def keep(case: Callable[..., None]) -> Callable[..., None]:
         for script in scripts:
@@ -100,11 +102,11 @@ def option(name: str, *scripts: str) -> Callable[[Callable[..., None]], Callable
 
 
 class World:
-    """A folder with small maps and samples, in which scripts are run; the same run is done once."""
+    """A folder with small maps and samples in which scripts run; equal runs are done only once."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.device = open_device()
+        self.device = open_once(None)
         self.radiance = {"map": stiff_radiance(16, 32), "other": stiff_radiance(16, 32, seed=7)}
         for name, radiance in self.radiance.items():
             write_image(folder / f"{name}.pfm", radiance)
@@ -131,6 +133,7 @@ class World:
         said, errors = io.StringIO(), io.StringIO()
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(sys, "argv", [f"{script}.py", *words[1:], "--out", str(out)])
+            patch.setattr(device, "open_device", open_once)
             main = module_of(script).main
             with contextlib.redirect_stdout(said), contextlib.redirect_stderr(errors):
                 main()
@@ -162,7 +165,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> World:
 
 
 class Asked(Exception):
-    """Carries a parser out of a script."""
+    """Carries the parser out of a script."""
 
 
 def options_of(script: str) -> set[str]:
@@ -189,7 +192,7 @@ def test_every_option_has_a_case(name: str) -> None:
 
 
 def fake_measurements(patch: pytest.MonkeyPatch) -> list[SimpleNamespace]:
-    """The benchmark without its work: what it was asked to measure, and with what."""
+    """The benchmark without its work: records what it is asked to measure, and with what."""
     asked: list[SimpleNamespace] = []
 
     def measure_method(
@@ -200,7 +203,7 @@ def fake_measurements(patch: pytest.MonkeyPatch) -> list[SimpleNamespace]:
 
     patch.setattr(benchmark, "measure_method", measure_method)
     patch.setattr(plotting, "save_figure", lambda *_: None)
-    for name in ("error_against_time", "error_against_count", "stages", "images"):
+    for name in ("error_against_time", "error_against_time_all", "error_against_count", "stages", "images"):
         patch.setattr(benchmark_plot, name, lambda *_: None)
     return asked
 
@@ -209,7 +212,7 @@ QUICK_BENCH = ("--methods", "r2", "--resolution", "9", "--counts", "4", "--spp",
 
 
 def fake_report(world: World, patch: pytest.MonkeyPatch, *arguments: object) -> SimpleNamespace:
-    """A report without its work: the scripts that it would run with their options, and the map that it is of."""
+    """A report without its work: the scripts that it would run, with their options, and its map."""
     asked = SimpleNamespace(runs={}, wanted={}, written=None)
 
     class Runs:
@@ -293,7 +296,7 @@ def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
             world.run(script, *world.cheap(script, ("--map",)), *bad, *more)
     ran = sees(world, patch, script, world.radiance["bad"], *bad, "--sanitize", "black")
     assert "2 bad pixels were replaced" in ran.errors
-    # An infinite pixel tells the two ways apart.
+    # An infinite pixel distinguishes the two ways.
     infinite = world.radiance["map"].copy()
     infinite[3, 3, 0] = np.inf
     write_image(world.folder / "infinite.pfm", infinite)
@@ -359,7 +362,7 @@ def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
             with pytest.raises(SystemExit):
                 world.run(script, "--rotate", *bad)
         for turn in (["1"], ["0", "20", "30"]):
-            with pytest.raises(LightdomeError, match=r"whole columns only, and this one has 32; .* --samples-only$"):
+            with pytest.raises(LightdomeError, match=r"whole columns, of which it has 32; .* --samples-only$"):
                 world.base(script, "--samples-only", "--rotate", *turn)
 
 
@@ -370,7 +373,7 @@ def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
     if script == "report":
         asked = fake_report(world, patch, "--device", "0:0")
         assert {name for name, command in asked.runs.items() if "--device 0:0" not in command} == {"part1"}
-        assert asked.written[0].handle == open_device("0:0").handle
+        assert asked.written[0].handle == open_once("0:0").handle
 
 
 @option(
@@ -428,7 +431,7 @@ def assert_same(one: Ran, other: Ran, *patterns: str) -> None:
 
 
 def assert_toned(ran: Ran, linear: dict[str, np.ndarray], exposure: float, gamma: float) -> None:
-    """Pictures are 255 (exposure x radiance)^(1 / gamma), burnt out above white."""
+    """Assert that pictures are 255 (exposure x radiance)^(1 / gamma), clipped to white."""
     for name, radiance in linear.items():
         white = np.clip(radiance.astype(np.float64) * exposure, 0, 1)
         expected = 255 * white ** (1 / gamma)
@@ -441,27 +444,31 @@ PICTURED = ("part2_sample", "part3_shade", "part4_pbrt")
 
 
 def linear(world: World, ran: Ran, script: str) -> dict[str, np.ndarray]:
-    """The radiance of each picture; marks are blue in both."""
+    """The radiance of each picture; markers are blue in both."""
     names = {path.removesuffix(".pfm") for path in ran.names("*.pfm")}
     return {name: ran.image(f"{name}.pfm") for name in names if script != "part2_sample" or name.startswith("em")}
 
 
 def automatic(world: World, ran: Ran, script: str) -> float:
-    """The exposure of the map, or of the image of most samples."""
+    """The automatic exposure: that of the map, of the image with the most samples, or of the exact image."""
     if script == "part2_sample":
         return auto_exposure(world.radiance["map"])
-    most, fewest = {"part3_shade": ("40", "5"), "part4_pbrt": ("4spp", "1spp")}[script]
-    exposures = [auto_exposure(ran.image(f"sphere_{name}.pfm")) for name in (most, fewest)]
+    if script == "part4_pbrt":
+        return sphere_exposure(EnvironmentMap(world.radiance["map"]))
+    exposures = [auto_exposure(ran.image(f"sphere_{name}.pfm")) for name in ("40", "5")]
     assert exposures[0] != pytest.approx(exposures[1], rel=0.05)
     return exposures[0]
 
 
 def marked(world: World, ran: Ran, script: str) -> dict[str, np.ndarray]:
-    """Like :func:`linear`, with marks that stay blue at any exposure."""
+    """Like :func:`linear`, with markers that stay blue at any exposure, outlined in white."""
     images = linear(world, ran, script)
     if script == "part2_sample":
         for image in images.values():
-            image[(image == (0, 0, 1)).all(axis=2)] = (0, 0, 1e30)
+            blue = (image == (0, 0, 1)).all(axis=2)
+            around = np.pad(np.pad(blue, ((1, 1), (0, 0))), ((0, 0), (1, 1)), mode="wrap")
+            image[np.lib.stride_tricks.sliding_window_view(around, (3, 3)).any(axis=(2, 3))] = 1e30
+            image[blue] = (0, 0, 1e30)
     return images
 
 
@@ -508,7 +515,7 @@ def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
     assert names
     for name in names:
         np.testing.assert_array_equal(grey.image(name), white.image(name) / 2)
-    # The exposure makes up for it.
+    # The exposure compensates for it.
     assert_same(white, grey, "*.png", "*.ppm")
     if script == "part4_pbrt":
         assert white.names("pbrt/*.pbrt") == grey.names("pbrt/*.pbrt") != set()
@@ -573,7 +580,7 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
 def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
     plain, other = world.base(script), world.base(script, "--seed", 9)
     distribution = build_distribution(world.device, EnvironmentMap(world.radiance["map"]))
-    for ran, seed in ((plain, 0), (other, 9)):
+    for ran, seed in ((plain, SEED), (other, 9)):
         if script == "part2_sample":
             alone = world.base(script, "--seed", seed, "--samples-only")
             for count in (5, 40):
@@ -602,7 +609,7 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
         for more in ((), ("--samples-only",)):
             samples = Samples.load(world.base("part2_sample", *options, *more).out / "samples_40.npz")
             assert samples.sequence == sequence
-            np.testing.assert_array_equal(samples.pixel, distribution.sample(40, 0, sequence).pixel)
+            np.testing.assert_array_equal(samples.pixel, distribution.sample(40, sequence=sequence).pixel)
 
 
 @option("--within", "part2_sample")
@@ -659,7 +666,7 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
 
 
 def stand_in_pbrt(patch: pytest.MonkeyPatch) -> list[Path | None]:
-    """A PBRT whose images are even: where it was looked for."""
+    """Stand in for PBRT, with uniform images; returns where it was looked for."""
     asked: list[Path | None] = []
 
     even = np.full((12, 12, 3), 0.25, np.float32)
@@ -699,7 +706,7 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
 
 
 def rendered(world: World, patch: pytest.MonkeyPatch, name: str, values: dict[str, str]) -> None:
-    """An option of our own renderer: it takes part 4 there, and is refused beside a PBRT."""
+    """An option of our own renderer makes part 4 use that renderer, and is refused together with PBRT."""
     asked = stand_in_pbrt(patch)
     distribution = build_distribution(world.device, EnvironmentMap(world.radiance["map"]))
     for value, estimator in values.items():
@@ -804,6 +811,14 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
     assert [a.method.name for a in chosen] == ["sobol", "bsdf"]
 
 
+@option("--explain", "bench")
+def _(world: World, patch: pytest.MonkeyPatch) -> None:
+    options = ("--map", world.folder / "map.pfm", "--resolution", 9, "--counts", 4, "--spp", 1, "--seeds", 1)
+    ran = world.run("bench", *options, "--repeats", 1, "--methods", "sobol", "light", "--explain")
+    assert "\nsobol 4: skipped: guide tables; " in ran.said
+    assert "\nlight 1: used: guide tables; " in ran.said
+
+
 @option("--peers", "bench", "stability")
 def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
     if script == "bench":
@@ -845,7 +860,7 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
         *(("r2", n) for n in (16, 64, 256, 1024)),
         *(("light", n) for n in (8, 32)),
     ]
-    # What is said all the same holds.
+    # Options that are given hold nevertheless.
     own = ("--resolution", 9, "--seeds", 4, "--repeats", 6, "--counts", 5, "--spp", 2)
     asked = measurements(world, "--methods", "r2", "light", "--quick", *own)
     assert {(a.seeds, a.repeats, len(a.reference)) for a in asked} == {(4, 6, 9)}
@@ -853,7 +868,7 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
 
 
 def run_roofline(world: World, patch: pytest.MonkeyPatch, *arguments: object) -> SimpleNamespace:
-    """The roofline without its work: what was planned, of which map."""
+    """The roofline without its work: records what was planned, and for which map."""
     asked = SimpleNamespace()
     limits = roofline.Limits({2**21: 1e9}, 1e9, 1e-6)
     stage = roofline_stages.Stage("a", print, roofline_stages.Work(1, 1, 1, "samples"))
@@ -866,6 +881,8 @@ def run_roofline(world: World, patch: pytest.MonkeyPatch, *arguments: object) ->
 
     patch.setattr(roofline_stages, "plan", plan)
     patch.setattr(plotting, "save_figure", lambda *_: None)
+    for name in ("roofline", "scaling"):
+        patch.setattr(roofline_plot, name, lambda *_: None)
     asked.ran = world.run("roofline", *world.cheap("roofline", tuple(map(str, arguments))), *arguments)
     asked.repeats = asked.ran.json("roofline.json")["measurements"][0]["repeats"]
     return asked
@@ -895,14 +912,14 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
     )
     assert quick.planned == ("map.pfm", [512, 2048], [255, 511], 255, [64, 1024, 65536])
     assert quick.repeats == 3
-    # What is said all the same holds.
+    # Options that are given hold nevertheless.
     own = run_roofline(world, patch, "--quick", "--repeats", 7, "--resolution", 300)
     assert own.planned == ("map.pfm", [512, 2048], [255, 300, 511], 300, [64, 1024, 65536])
     assert own.repeats == 7
 
 
 def run_stability(world: World, patch: pytest.MonkeyPatch, *arguments: object) -> SimpleNamespace:
-    """The stability table without its work: the cases that were run, each with its number of draws."""
+    """The stability table without its work: records the cases, each with its number of draws."""
     asked = SimpleNamespace(own=[], peer=[])
     small = Case("small", "g", lambda *_: [])
     cases = [small, Case("mapped", "g", lambda *_: [], maps=list), Case("large", "g", lambda *_: [], large=True)]
@@ -968,7 +985,7 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
     found = module_of("get_grace")
     asked: list[tuple[object, ...]] = []
     found.fetch = lambda *arguments: asked.append(arguments)
-    for name in ("signal", "setitimer"):  # of this process they are the tests' own
+    for name in ("signal", "setitimer"):  # in this process they belong to the tests
         patch.setattr(signal, name, lambda *_: None)
     out = world.folder / "g.exr"
     for options in (["--from", "here.exr", "--out", str(out)], ["--out", str(out)]):

@@ -23,7 +23,7 @@ def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize(
     ("arguments", "message"), [((), "required: COMMAND"), (("nope",), "'nope'"), (("settings",), "'settings'")]
 )
-def test_a_name_that_is_no_command_is_refused(tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:
+def test_an_unknown_command_is_refused(tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:
     result = run(tmp_path, *arguments)
     assert result.returncode == 2
     assert "Traceback" not in result.stderr
@@ -38,7 +38,7 @@ def test_help_names_every_command(tmp_path: Path) -> None:
 
 
 def test_the_default_map_is_that_of_the_clone(tmp_path: Path) -> None:
-    """Whatever lies around the folder that it runs in."""
+    """Wherever the program runs."""
     folder = tmp_path / "here"
     for other in (folder, tmp_path / "data"):
         other.mkdir()
@@ -48,7 +48,7 @@ def test_the_default_map_is_that_of_the_clone(tmp_path: Path) -> None:
     assert f"(default: {ROOT / 'data'}{os.sep}" in line
 
 
-def test_a_mistake_is_told_as_by_the_script(tmp_path: Path) -> None:
+def test_a_mistake_is_reported_as_by_the_script(tmp_path: Path) -> None:
     result = run(tmp_path, "shade", "nothing.npz")
     fails_in_one_line(result, "nothing.npz")
     assert result.stderr.startswith("lightdome shade: ")
@@ -65,7 +65,7 @@ def test_a_mistake_is_told_as_by_the_script(tmp_path: Path) -> None:
         ("lightdome render --estimator ", set(ESTIMATORS)),
     ],
 )
-def test_a_shell_is_told_how_a_command_line_goes_on(tmp_path: Path, line: str, expected: set[str]) -> None:
+def test_a_shell_can_complete_a_command_line(tmp_path: Path, line: str, expected: set[str]) -> None:
     pytest.importorskip("argcomplete", reason="needs argcomplete, of the extra [completion]")
     answer = tmp_path / "answer"
     asked = {"COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE": "1", "_ARGCOMPLETE_IFS": " "}

@@ -95,7 +95,7 @@ def test_a_black_map_has_nothing_to_sample(run_here: Script, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("script_name", ["part2_sample", "part3_shade"])
-def test_missing_and_damaged_files_are_one_line(run_here: Script, tmp_path: Path, script_name: str) -> None:
+def test_missing_and_damaged_files_give_one_line(run_here: Script, tmp_path: Path, script_name: str) -> None:
     option = ("--map",) if script_name == "part2_sample" else ()
     broken = tmp_path / "broken.exr"
     broken.write_bytes(b"v/1\x01 then nothing")
@@ -104,7 +104,7 @@ def test_missing_and_damaged_files_are_one_line(run_here: Script, tmp_path: Path
         fails_in_one_line(result, tmp_path.name)
 
 
-def test_an_output_folder_that_cannot_be_written_is_one_line(run_here: Script, small_map: Path, tmp_path: Path) -> None:
+def test_an_unwritable_output_folder_gives_one_line(run_here: Script, small_map: Path, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     for out in (tmp_path / "file", tmp_path / "file" / "below", "/proc/nowhere"):
         result = run_here("part2_sample", "--map", small_map, "--counts", 4, "--out", out)
@@ -140,7 +140,7 @@ def test_a_wrong_command_line_exits_with_2(run_here: Script, arguments: tuple[st
     assert "Traceback" not in result.stderr
 
 
-def test_an_unknown_device_is_one_line(script: Script, small_map: Path, tmp_path: Path) -> None:
+def test_an_unknown_device_gives_one_line(script: Script, small_map: Path, tmp_path: Path) -> None:
     result = script("part2_sample", "--map", small_map, "--device", "Voodoo 2", "--out", tmp_path)
     fails_in_one_line(result, "Voodoo 2")
     result = script("part2_sample", "--map", small_map, "--out", tmp_path, PYOPENCL_CTX="Voodoo 3")
@@ -181,8 +181,8 @@ EXTREMES = [
 @pytest.mark.parametrize(
     ("name", "arguments", "status"), EXTREMES, ids=[f"{n} {' '.join(map(str, a))[:40]}" for n, a, _ in EXTREMES]
 )
-def test_an_extreme_of_an_option_ends_soon_and_in_one_line(
-    script: Script,
+def test_an_extreme_option_ends_soon_and_in_one_line(
+    run_here: Script,
     device: Device,
     small_map: Path,
     tmp_path: Path,
@@ -197,16 +197,15 @@ def test_an_extreme_of_an_option_ends_soon_and_in_one_line(
     elif name != "part1_fresnel":
         arguments = ("--map", small_map, *arguments)
     start = time.monotonic()
-    result = script(name, *arguments, "--out", tmp_path / "out")
-    assert time.monotonic() - start < 60  # they take a second; the machine may be busy
+    result = run_here(name, *arguments, "--out", tmp_path / "out")  # a warning would raise an exception
+    assert time.monotonic() - start < 60  # they take a second, but the machine may be busy
     assert result.returncode == status
     assert "Traceback" not in result.stderr
-    assert "Warning" not in result.stderr
     if result.returncode == 1:
         fails_in_one_line(result)
 
 
-def test_explain_says_what_was_left_out(run_here: Script, device: Device, tmp_path: Path) -> None:
+def test_explain_says_what_was_skipped(run_here: Script, device: Device, tmp_path: Path) -> None:
     sampled = run_here("part2_sample", "--counts", 4, "--explain", "--out", tmp_path / "two")
     assert sampled.returncode == 0, sampled.stderr
     assert "built 3 of" in sampled.stdout

@@ -1,4 +1,4 @@
-"""Results say what they were made with, and a record counts only beside the files that it was written for."""
+"""Results record what they were made with, and a record is valid only next to the files it was written for."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import write_image
 
 
-def test_parts_1_to_4_say_what_made_their_files(run_here: Script, tmp_path: Path) -> None:
+def test_parts_1_to_4_record_what_made_their_files(run_here: Script, tmp_path: Path) -> None:
     path = tmp_path / "map.pfm"
     write_image(path, stiff_radiance(16, 32))
     assert run_here("part1_fresnel", "--out", tmp_path / "part1").returncode == 0
@@ -42,7 +42,7 @@ def test_parts_1_to_4_say_what_made_their_files(run_here: Script, tmp_path: Path
     assert found["part4"]["pbrt"] is None
 
 
-def test_samples_without_pictures_say_what_made_them_too(run_here: Script, tmp_path: Path) -> None:
+def test_samples_without_pictures_record_what_made_them_too(run_here: Script, tmp_path: Path) -> None:
     path, out = tmp_path / "map.pfm", tmp_path / "out"
     write_image(path, stiff_radiance(16, 32))
     assert run_here("part2_sample", "--map", path, "--counts", 3, 7, "--seed", 5, "--out", out).returncode == 0
@@ -54,7 +54,7 @@ def test_samples_without_pictures_say_what_made_them_too(run_here: Script, tmp_p
     assert record["files"] == {"samples_7.npz": whole["files"]["samples_7.npz"]}
     assert record["map"] == {"width": 32, "height": 16, "file_sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
     assert (record["options"]["seed"], record["options"]["samples_only"]) == (5, True)
-    # Of nobody who asks for a map by its radiance.
+    # Not valid for anyone who asks for a map by its radiance.
     assert settings.difference(record, {"map": whole["map"]}) == "map.sha256"
 
 
@@ -72,7 +72,7 @@ def test_paths_are_kept_as_text(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"other pixels", None])
-def test_files_that_changed_or_went_away_have_no_settings(folder: Path, content: bytes | None) -> None:
+def test_changed_or_missing_files_have_no_settings(folder: Path, content: bytes | None) -> None:
     (folder / "a.pfm").unlink()
     if content:
         (folder / "a.pfm").write_bytes(content)
@@ -80,7 +80,7 @@ def test_files_that_changed_or_went_away_have_no_settings(folder: Path, content:
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "3", '{"files": 3}', '{"files": {"a.pfm": 1}}', "\xff"])
-def test_damaged_settings_are_none(folder: Path, text: str) -> None:
+def test_damaged_settings_count_as_none(folder: Path, text: str) -> None:
     (folder / settings.NAME).write_text(text, encoding="latin-1")
     assert settings.read(folder / settings.NAME) is None
 
@@ -94,7 +94,7 @@ def test_the_first_difference_is_named() -> None:
     assert settings.difference({"map": None}, {"map": {"sha256": "a"}}) == "map"
 
 
-def test_the_map_s_sum_is_that_of_its_radiance() -> None:
+def test_the_checksum_of_a_map_is_that_of_its_radiance() -> None:
     one, other = stiff_radiance(4, 8), stiff_radiance(4, 8, seed=2)
     assert settings.map_sum(EnvironmentMap(one)) == settings.map_sum(EnvironmentMap(np.asfortranarray(one)))
     assert settings.map_sum(EnvironmentMap(one)) != settings.map_sum(EnvironmentMap(other))

@@ -1,4 +1,4 @@
-"""Mitsuba's process answers, and says in one line what goes wrong; another object stands in for Mitsuba."""
+"""Mitsuba's process answers, and reports in one line what goes wrong; another object stands in for Mitsuba."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_the_process_keeps_its_worker_and_survives_an_error(adder: MitsubaProces
 
 
 def test_the_process_writes_nothing_on_the_terminal(capfd: pytest.CaptureFixture[str]) -> None:
-    process = MitsubaProcess(Adder, np.ones(1))  # not before capfd has taken over the streams that it inherits
+    process = MitsubaProcess(Adder, np.ones(1))  # only now that capfd has taken over the streams it inherits
     process.call("add", 1, timeout=60)
     process.stop()
     assert capfd.readouterr() == ("", "")

@@ -1,4 +1,4 @@
-"""The report holds what was measured, never mixes what does not belong together, and is the same every time."""
+"""The report shows what was measured, never mixes unrelated results, and is the same every time."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def small_map(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def out(device: Device, small_map: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a benchmark and a stability table, small and quick to make but of the right kind."""
+    """A folder with a benchmark and a stability table, of the right kind but small and quick to make."""
     out = tmp_path_factory.mktemp("out")
     for name in ("bench", "stability"):
         (out / name).mkdir()
@@ -70,7 +70,7 @@ def out(device: Device, small_map: Path, tmp_path_factory: pytest.TempPathFactor
 
 @pytest.fixture(scope="module")
 def made(script: Script, small_map: Path, out: Path) -> Path:
-    """``out`` with a report, whose parts 1 to 4 were run for it."""
+    """``out`` with a report, and with parts 1 to 4, which were run for it."""
     result = script("report", "--quick", "--map", small_map, "--out", out / "report")
     assert result.returncode == 0, result.stderr
     for part in ("part1", "part2", "part3", "part4"):
@@ -108,14 +108,14 @@ def test_the_same_inputs_give_the_same_bytes(
         (again / name).unlink()
     monkeypatch.setattr(sys, "argv", ["report.py", "--quick", "--map", str(small_map), "--out", str(again)])
     report_command.main()
-    assert "running" not in capsys.readouterr().out  # the results are there
+    assert "running" not in capsys.readouterr().out  # the results exist already
     for name in (report.PDF, report.ARCHIVE):
         assert (again / name).read_bytes() == (made / "report" / name).read_bytes()
 
 
 @pytest.fixture(scope="module")
 def figures(device: Device, small_map: Path, made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The report's figures, as if part 4 had been drawn by a PBRT."""
+    """The report's figures, as if part 4 had been rendered by PBRT."""
     folder = tmp_path_factory.mktemp("figures")
     envmap, results = EnvironmentMap.read(small_map), of_pbrt(results_of(made))
     report.draw(device, envmap, results, report.load_images(device, envmap, results), folder)
@@ -127,7 +127,7 @@ def test_each_figure_holds_the_images_of_its_kind(device: Device, small_map: Pat
     images = report.load_images(device, envmap, results)
     kinds = zip(("shared", "per_pixel"), images.named(), (images.exact, images.exact_per_pixel), strict=True)
     for figure, named, exact in kinds:
-        # Matplotlib writes each text beside its outlines.
+        # Matplotlib writes each text next to its outlines.
         said = re.findall("<!-- (.*?) -->", (figures / f"{figure}.svg").read_text(encoding="utf-8"))
         assert [text for text in said if text.endswith((" shared", " per pixel"))] == list(named)
         errors = [f"{100 * left_after_averaging(image, exact, 1):.2f} %" for image in named.values()]
@@ -147,8 +147,8 @@ WANTED = {"map": {"sha256": "ours"}, "versions": {"lightdome": __version__}, "op
 @pytest.mark.parametrize(
     ("there", "reason"),
     [
-        (("other",), "map.sha256 is another"),
-        (("ours", "0.0.1"), "versions.lightdome is another"),
+        (("other",), "map.sha256 differs"),
+        (("ours", "0.0.1"), "versions.lightdome differs"),
         (None, ""),
     ],
 )
@@ -168,14 +168,14 @@ def test_results_of_another_map_or_version_are_made_again(
     if there:
         leave(tmp_path / "part2", *there)
     runs = report_command.Runs(tmp_path / "report", run)
-    for _ in range(2):  # the second time it is there
+    for _ in range(2):  # the second time it exists
         runs.need("part2", "part2_sample.py", settings.NAME, WANTED, "--seed", 0)
     assert asked == [("part2_sample.py", "--seed", 0, "--out", tmp_path / "report" / "part2")]
     assert runs.folders["part2"] == tmp_path / "report" / "part2"
     assert reason in capsys.readouterr().out
 
 
-def test_images_that_changed_since_are_not_taken(tmp_path: Path) -> None:
+def test_images_that_have_changed_are_not_used(tmp_path: Path) -> None:
     leave(tmp_path / "part2", "ours")
     runs = report_command.Runs(tmp_path / "report", lambda *_: 3)
     runs.need("part2", "part2_sample.py", settings.NAME, WANTED)
@@ -189,7 +189,7 @@ def test_an_error_that_pixels_share_stays_and_noise_goes() -> None:
     exact = np.ones((64, 64, 3), np.float32)
     noise = exact.copy()
     noise[::2, ::2] += 0.2
-    noise[1::2, 1::2] -= 0.2  # the mean of every 2 x 2 pixels is right
+    noise[1::2, 1::2] -= 0.2  # the mean of every 2 x 2 pixels is correct
     for side in (1, 2, 8):
         assert left_after_averaging(exact * 1.1, exact, side) == pytest.approx(0.1, rel=1e-5)
     inside = disc_mask(64)
@@ -226,7 +226,7 @@ def test_the_numbers_are_those_of_the_runs(device: Device, small_map: Path, made
     d = report.numbers(envmap, small_map.name, results, images)
     json.dumps(d, allow_nan=False)
 
-    # Our `light` sees centres of pixels, a PBRT, which may be installed here, areas.
+    # Our `light` treats pixels as centres; PBRT, which may be installed here, treats them as areas.
     assert (images.exact_per_pixel is images.exact) == (results.settings["part4"]["pbrt"] is None)
     areas = exact_image(device, envmap, 255, pixels="areas")
     np.testing.assert_array_equal(report.load_images(device, envmap, of_pbrt(results)).exact_per_pixel, areas)
@@ -251,7 +251,7 @@ def test_the_numbers_are_those_of_the_runs(device: Device, small_map: Path, made
     assert d["renderer"] == results.settings["part4"]["pbrt"]
     assert d["bench"]["absent"] == ["pbrt (no pbrt on PATH)"]
     assert d["seeds"][0][:3] == ["independent", "4", "2"]
-    # Parts 2 and 3 share their samples: their errors hardly fall; those of part 4 do.
+    # Pixels of part 3 share their samples, so the errors hardly fall, unlike those of part 4.
     fallen = {name: float(times) for name, *_, times in d["averaging"]}
     assert fallen["64 shared"] < 2 < 5 < fallen["64 per pixel"]
 
@@ -292,7 +292,7 @@ def test_the_renderer_and_other_programs_are_named(
 
 
 @pytest.mark.parametrize("there", [True, False])
-def test_other_programs_that_are_there_are_measured(
+def test_installed_programs_are_measured(
     small_map: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, there: bool
 ) -> None:
     asked: dict[str, list[str]] = {}
@@ -325,20 +325,20 @@ def test_a_map_behind_the_sphere_is_refused(device: Device, made: Path, tmp_path
     assert not list(tmp_path.iterdir())
 
 
-def test_a_pbrt_that_is_not_there_costs_no_work(script: Script, tmp_path: Path) -> None:
+def test_a_missing_pbrt_is_refused_before_any_work(script: Script, tmp_path: Path) -> None:
     result = script("report", "--quick", "--pbrt", tmp_path / "nowhere", "--out", tmp_path / "out")
     fails_in_one_line(result, "nowhere")
     assert not (tmp_path / "out").exists()
 
 
-def test_a_missing_extra_is_one_line(script: Script, tmp_path: Path) -> None:
+def test_a_missing_extra_gives_one_line(script: Script, tmp_path: Path) -> None:
     (tmp_path / "typst.py").write_text("raise ImportError('not installed')\n")
     result = script("report", "--quick", "--out", tmp_path / "out", PYTHONPATH=str(tmp_path))
     fails_in_one_line(result, "pip install 'lightdome[report]'")
     assert not (tmp_path / "out").exists()
 
 
-def test_what_a_script_refuses_is_one_line_and_ends_the_report(script: Script, made: Path, tmp_path: Path) -> None:
+def test_what_a_command_refuses_gives_one_line_and_ends_the_report(script: Script, made: Path, tmp_path: Path) -> None:
     shutil.copytree(made / "report" / "part1", tmp_path / "out" / "part1")
     write_image(tmp_path / "black.pfm", np.zeros((8, 16, 3), np.float32))
     result = script("report", "--quick", "--map", tmp_path / "black.pfm", "--out", tmp_path / "out" / "report")

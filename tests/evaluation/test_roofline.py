@@ -1,4 +1,4 @@
-"""The limits are those of kernels that do their work, and stages are held against them by honest counts."""
+"""The limits are those of kernels that do their work, and stages are compared with them from correct counts."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_bandwidth_is_that_of_a_copy_of_the_same_size() -> None:
     assert LIMITS.best(other) == other.best(LIMITS) == Limits({2**20: 80e9, 2**30: 30e9}, 100e9, 1e-5)
 
 
-def test_shares_are_of_the_limit_that_binds() -> None:
+def test_shares_are_of_the_binding_limit() -> None:
     moving = Stage("moving", print, Work(2**30, 1e9, 5.0, "pixels"))
     rated = roofline.rated(Timing(moving, 0.1, 0.0, 1, None), LIMITS)
     assert rated.bandwidth_share == pytest.approx(2**30 / 20e9 / 0.1)
@@ -95,7 +95,7 @@ def test_shares_are_of_the_limit_that_binds() -> None:
     assert rated.bound_share == rated.brute_force_ratio == pytest.approx(7)
 
 
-def test_exponents_are_those_that_were_put_in() -> None:
+def test_the_exponents_put_in_are_found() -> None:
     assert exponent([1, 10, 100], [3, 3 * 10**1.5, 3000]) == pytest.approx(1.5)
     assert exponent([4, 4], [1, 2]) is None
     assert exponent([1, 2], [0, 1]) is None
@@ -111,14 +111,14 @@ def test_exponents_are_those_that_were_put_in() -> None:
 def test_memory_that_a_run_takes_is_seen_although_it_is_free_again(device: Device) -> None:
     if not Path("/proc/self/clear_refs").exists():
         pytest.skip("this system does not tell the peak of a process's memory")
-    for mib in (40, 160):  # more than malloc may have kept from tests before
+    for mib in (40, 160):  # more than malloc may have kept from earlier tests
         stage = Stage("taking", lambda mib=mib: np.ones(mib << 17), Work(1, 1, 1, "samples"))
         peak = roofline.time_stage(device, stage, 1).peak_bytes
-        # A busy system takes and gives back pages of its own accord, but not half of them.
+        # A busy system takes and returns some pages by itself, but not half of them.
         assert mib / 2 < peak / 2**20 < 2 * mib
 
 
-def test_a_stage_beside_a_copy_is_held_against_it(device: Device) -> None:
+def test_a_stage_beside_a_copy_is_compared_with_it(device: Device) -> None:
     stages = [
         Stage("known", lambda: None, Work(2**18, 1, 1, "pixels"), events=(), beside_copy=b) for b in (True, False)
     ]
@@ -155,14 +155,14 @@ def test_a_made_map_is_of_its_size_and_no_two_rows_are_alike() -> None:
 
 
 def test_harmonics_count_their_terms(device: Device) -> None:
-    # Orders 0, 1 and the even ones: 6 multiply-adds for each (l, m), 3 for m = 0; 2 for each Legendre function.
+    # Orders 0, 1 and even orders: 6 multiply-adds per (l, m), 3 if m = 0; 2 per Legendre function.
     filtered = sum(3 + 6 * n for n in (0, 1, 2, 4, 6, 8, 10))
     assert harmonics(device, 33).work.operations == (filtered + 2 * 66) * disc_mask(33).sum()
 
 
 @dataclass
 class Ran:
-    """What the script wrote and printed."""
+    """The script's files and output."""
 
     out: Path
     data: dict
@@ -171,7 +171,7 @@ class Ran:
 
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
-    """A run of the script, small in everything."""
+    """A small run of the script."""
     folder = tmp_path_factory.mktemp("roofline")
     write_image(folder / "map.pfm", stiff_radiance(16, 32))
     asked = {"map": folder / "map.pfm", "layer": None, "flip": False, "sanitize": None, "device": None}
@@ -184,7 +184,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
 
 
 @pytest.mark.slow
-def test_the_script_holds_every_stage_against_its_limit(ran: Ran) -> None:
+def test_the_script_compares_every_stage_with_its_limit(ran: Ran) -> None:
     with (ran.out / "roofline.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     data = ran.data

@@ -1,7 +1,7 @@
-"""Every number that a plot or a table shows is the number that was measured, in the unit that stands beside it.
+"""Every number that a plot or a table shows is the number that was measured, in the unit that its label states.
 
 Figures and tables are made from measurements with distinct values and read back: lines, bars, labels, legends, cells.
-What is read is multiplied by the unit that its label names, and compared with the definition.
+Each number read is multiplied by the unit in its label, and compared with the definition.
 """
 
 from __future__ import annotations
@@ -34,12 +34,14 @@ from lightdome.evaluation import (
     stability_plot,
 )
 from lightdome.evaluation.benchmark import MethodMeasurement
+from lightdome.evaluation.benchmark_plot import ERROR, RUN_TIME
 from lightdome.evaluation.roofline import Limits, Timing
 from lightdome.evaluation.roofline_stages import MADE, Stage, Work
 from lightdome.evaluation.stability import COLUMNS, LIMITS, Result
 from lightdome.fresnel import plot
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import auto_exposure, tone_map, write_image
+from lightdome.names import ESTIMATORS, PIXEL_SEQUENCES, SEQUENCES, per_pixel
 from lightdome.opencl.device import Device
 from lightdome.opencl.profile import Profile
 from lightdome.opencl.programs import Programs
@@ -62,14 +64,14 @@ UNITS = {
 
 
 def unit(label: str) -> float:
-    """What a number beside ``label`` has to be multiplied by: the one unit that the label names, or 1."""
+    """The factor for numbers with this ``label``: the single unit that the label names, or 1."""
     named = {word for word in re.split(r"[\s,()]+", label) if word in UNITS}
     assert len(named) < 2, label
     return UNITS[named.pop()] if named else 1.0
 
 
 def close(shown: str | float, value: float, digits: int = 3) -> bool:
-    """Whether ``shown`` is ``value`` to so many digits."""
+    """Whether ``shown`` equals ``value`` to this many digits."""
     return float(shown) == pytest.approx(value, rel=0.6 * 10.0 ** (1 - digits), abs=1e-12)
 
 
@@ -80,7 +82,7 @@ def rounded(shown: str, value: float) -> bool:
 
 
 def lines(axes: Axes) -> dict[str, np.ndarray]:
-    """The lines with a label of their own, (n, 2) in the units of the axes' labels."""
+    """The lines that have a label, (n, 2), in the units of the axes' labels."""
     units = unit(axes.get_xlabel()), unit(axes.get_ylabel())
     named = {line.get_label(): np.array(line.get_data(), float).T for line in axes.lines}
     return {name: data * units for name, data in named.items() if not name.startswith("_")}
@@ -122,7 +124,7 @@ POINTS = [
     *(measured("mis", n, "per pixel") for n in (8, 32)),
     measured("harmonics", 2, "order"),
     *(measured("pbrt", n, "per pixel", peer=True) for n in (8, 64)),
-    # At each level of error another one is fastest than is most exact.
+    # At each level of error, the fastest is not the most accurate.
     *(
         replace(measured("sobol", n, "shared"), rmse=0.55 / n, wall_seconds=0.01 + 1e-5 * n, stages={"shade": 2e-5 * n})
         for n in (16, 64, 128)
@@ -130,43 +132,92 @@ POINTS = [
     measured("exact", 1, "order", rmse=3e-9),
 ]
 INEXACT = [p for p in POINTS if p.method != "exact"]
+KINDS = {
+    **dict.fromkeys((*SEQUENCES, "median-cut"), "shared"),
+    **{per_pixel(e, sequence): "per pixel" for e in ESTIMATORS for sequence in PIXEL_SEQUENCES},
+    "mis-compensated-sobol": "per pixel",
+    "harmonics": "order",
+}
+PANELS = ["shared by all pixels", *(f"per pixel: {e}" for e in ESTIMATORS), "other programs"]
 OF_METHOD = {name: [p for p in INEXACT if p.method == name] for name in dict.fromkeys(p.method for p in INEXACT)}
 
 
 def fastest(points: Sequence[MethodMeasurement], error: float) -> MethodMeasurement | None:
-    """The first of those by time that meets ``error``."""
+    """The fastest measurement with at most ``error``."""
     return next((p for p in sorted(points, key=lambda p: p.wall_seconds) if p.rmse <= error), None)
 
 
-def test_error_against_time_has_milliseconds_and_percent() -> None:
-    figure = benchmark_plot.error_against_time(POINTS, "a title")
-    (axes,) = figure.axes
+def test_the_headline_has_one_line_for_each_group_named_at_its_end() -> None:
+    (axes,) = benchmark_plot.error_against_time(POINTS, "a title").axes
     assert "run time" in axes.get_xlabel()
     assert "RMSE" in axes.get_ylabel()
     assert (axes.get_xscale(), axes.get_yscale(), axes.get_title(loc="left")) == ("log", "log", "a title")
+    assert axes.get_legend() is None
     found = lines(axes)
-    for name, points in OF_METHOD.items():
-        np.testing.assert_allclose(found.pop(name), [(p.wall_seconds, p.rmse) for p in points])
+    (exact, _) = found.pop("exact")
+    assert exact[0] == pytest.approx(POINTS[-1].wall_seconds)
+    kinds = (("independent", "sobol"), ("light", "mis"), ("harmonics",), ("pbrt",))
+    said = [text.get_text() for text in axes.texts]
+    for names in kinds:
+        # Squared error times time: what a variance costs.
+        best = min((p for name in names for p in OF_METHOD[name]), key=lambda p: p.rmse**2 * p.wall_seconds).method
+        np.testing.assert_allclose(found.pop(best), [(p.wall_seconds, p.rmse) for p in OF_METHOD[best]])
+        last = OF_METHOD[best][-1]
+        counted = {"per pixel": f"{last.count} spp", "order": f"order {last.count}", "shared": f"{last.count} lights"}
+        (end,) = (text for text in said if text.endswith(f"{best}, {counted[last.kind]}"))
+        assert end
+    assert not found
+
+
+def test_the_headline_has_at_most_seven_lines_whatever_was_measured() -> None:
+    own = [measured(name, n, kind) for name, kind in KINDS.items() for n in (8, 64)]
+    names = ("numpy", "mitsuba scalar_rgb", "mitsuba llvm_ad_rgb", "pbrt-v3", "pbrt-v4", "pbrt-v4 /elsewhere")
+    peers = [measured(name, n, "per pixel", peer=True) for name in names for n in (8, 64)]
+    (axes,) = benchmark_plot.error_against_time(own + peers, "").axes
+    assert len(axes.lines) == 7
+    assert len({(line.get_color(), line.get_marker()) for line in axes.lines}) == 7
+    figure = benchmark_plot.error_against_time_all(own + peers, "")
+    assert [axes.get_title(loc="left") for axes in figure.axes] == PANELS
+    for panel in figure.axes:
+        named = [line for line in panel.lines if line.get_label()[0] != "_"]
+        assert [line.get_label() for line in named] == legend(panel)
+        assert len({(line.get_color(), line.get_marker()) for line in named}) == len(named) <= 7
+
+
+def test_error_against_time_of_all_has_milliseconds_and_percent() -> None:
+    figure = benchmark_plot.error_against_time_all(POINTS, "a title")
     front = [
         p
         for p in INEXACT
         if not any(q.rmse <= p.rmse and q.wall_seconds <= p.wall_seconds for q in INEXACT if q is not p)
     ]
     front.sort(key=lambda p: p.wall_seconds)
-    np.testing.assert_allclose(found.pop("Pareto front"), [(p.wall_seconds, p.rmse) for p in front])
-    ((name, (exact, _)),) = found.items()
-    assert exact[0] == pytest.approx(POINTS[-1].wall_seconds)
-    method, seconds = name.split(", ")
+    remaining = dict(OF_METHOD)
+    for axes in figure.axes:
+        units = unit(RUN_TIME), unit(ERROR)
+        places = {tuple(np.round(np.multiply(text.xy, units), 9)): text.get_text() for text in axes.texts}
+        for line in axes.lines:
+            line.axes.set(xlabel=RUN_TIME, ylabel=ERROR)  # of common axes, only the outer ones say it
+        own = [line for line in axes.lines if line.get_label()[0] != "_"]
+        for line in own:
+            points = remaining.pop(line.get_label())
+            np.testing.assert_allclose(lines(axes)[line.get_label()], [(p.wall_seconds, p.rmse) for p in points])
+            for p in {points[0].count: points[0], points[-1].count: points[-1]}.values():
+                assert places.pop((round(p.wall_seconds, 9), round(p.rmse, 9))) == str(p.count)
+        assert not places
+        (joined,) = (line for line in axes.lines if line.get_label() == "_Pareto front")
+        np.testing.assert_allclose(
+            np.array(joined.get_data(), float).T * units, [(p.wall_seconds, p.rmse) for p in front]
+        )
+    assert not remaining
+    _, said = (text.get_text() for text in figure.legends[0].get_texts())
+    method, seconds = said.split(", ")
     assert method == "exact"
     assert close(seconds.removesuffix(" s"), POINTS[-1].wall_seconds, 2)
-    units = unit(axes.get_xlabel()), unit(axes.get_ylabel())
-    places = {tuple(np.round(np.multiply(text.xy, units), 9)): text.get_text() for text in axes.texts}
-    assert places == {(round(p.wall_seconds, 9), round(p.rmse, 9)): str(p.count) for p in INEXACT}
 
 
 def test_read_outs_beside_error_against_time_are_the_best_there_are() -> None:
-    (axes,) = benchmark_plot.error_against_time(POINTS, "").axes
-    text = axes.get_legend().get_title().get_text()
+    text = benchmark_plot.error_against_time_all(POINTS, "").legends[0].get_title().get_text()
     by_error, by_time = text.split("most exact at equal time")
     rows = re.findall(r"^ *([\d.]+) %  (.*)$", by_error, re.MULTILINE)
     assert [row[0] for row in rows] == ["10.0", "3.0", "1.0", "0.3"]
@@ -193,43 +244,58 @@ def test_read_outs_beside_error_against_time_are_the_best_there_are() -> None:
 
 
 def test_error_against_count_has_spreads_in_percent_and_slopes() -> None:
-    (axes,) = benchmark_plot.error_against_count(POINTS, "a title").axes
-    assert "count" in axes.get_xlabel()
-    assert "RMSE" in axes.get_ylabel()
-    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
-    several = {name: points for name, points in OF_METHOD.items() if len(points) > 1}
-    assert len(axes.containers) == len(several)
-    percent = unit(axes.get_ylabel())
+    figure = benchmark_plot.error_against_count(POINTS, "a title")
+    remaining = {name: points for name, points in OF_METHOD.items() if len(points) > 1}
+    assert "count" in figure.axes[-1].get_xlabel()
+    assert "RMSE" in figure.axes[0].get_ylabel()
+    percent = unit(figure.axes[0].get_ylabel())
     assert percent == 0.01
-    for container, (name, points) in zip(axes.containers, several.items(), strict=True):
-        line, _, (bars,) = container
-        counts, errors = np.array([(p.count, p.rmse) for p in points]).T
-        np.testing.assert_allclose(np.array(line.get_data(), float), (counts, errors / percent))
-        x, y = np.log(counts) - np.log(counts).mean(), np.log(errors)
-        method, slope = container.get_label().split(", slope ")
-        assert method == name
-        assert rounded(slope, (x * y).sum() / (x * x).sum())
-        for p, ((x0, low), (x1, high)) in zip(points, bars.get_segments(), strict=True):
-            spread = min(p.rmse_spread, 0.9 * p.rmse)
-            assert (x0, x1) == (p.count, p.count)
-            assert (low * percent, high * percent) == pytest.approx((p.rmse - spread, p.rmse + spread))
+    for axes in figure.axes:
+        assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
+        for container in axes.containers:
+            line, _, (bars,) = container
+            method, slope = container.get_label().split(", slope ")
+            points = remaining.pop(method)
+            counts, errors = np.array([(p.count, p.rmse) for p in points]).T
+            np.testing.assert_allclose(np.array(line.get_data(), float), (counts, errors / percent))
+            x, y = np.log(counts) - np.log(counts).mean(), np.log(errors)
+            assert rounded(slope, (x * y).sum() / (x * x).sum())
+            for p, ((x0, low), (x1, high)) in zip(points, bars.get_segments(), strict=True):
+                spread = min(p.rmse_spread, 0.9 * p.rmse)
+                assert (x0, x1) == (p.count, p.count)
+                assert (low * percent, high * percent) == pytest.approx((p.rmse - spread, p.rmse + spread))
+    assert not remaining
 
 
 def test_stages_are_shares_of_the_wall_time() -> None:
-    figure = benchmark_plot.stages(POINTS, "a title")
+    names = [f"stage {k}" for k in range(9)]
+    points = [
+        replace(
+            measured(f"method {k}", n, "shared"),
+            stages={name: (i % 5 + i // 5 / 2 + 1) / 40 * 2e-3 for i, name in enumerate(names)},
+            wall_seconds=2e-3,
+        )
+        for k in range(3)
+        for n in (4, 16, 64)
+    ]
+    points.append(replace(measured("bare", 1, "order"), wall_seconds=3e-3, stages={"stage 8": 1e-3}))
+    figure = benchmark_plot.stages(points, "a title")
     (axes,) = figure.axes
     assert axes.get_xlabel() == "share of the wall time"
+    shown = [p for p in points if p.count != 16]  # the least and the largest count of each
     rows = [label.get_text() for label in axes.get_yticklabels()]
-    for row, p in zip(rows, POINTS, strict=True):
-        name, shown = re.fullmatch(r"(.*) \(([\d.]+) ms\)", row).groups()
+    for row, p in zip(rows, shown, strict=True):
+        name, milliseconds = re.fullmatch(r"(.*) \(([\d.]+) ms\)", row).groups()
         assert name == f"{p.method} {p.count}"
-        assert rounded(shown, 1e3 * p.wall_seconds)
+        assert rounded(milliseconds, 1e3 * p.wall_seconds)
     bars = {container.get_label(): list(container) for container in axes.containers}
-    assert list(bars) == [*dict.fromkeys(name for p in POINTS for name in p.stages), "host"]
+    most = [f"stage {k}" for k in (2, 3, 4, 6, 7, 8)]
+    assert list(bars) == [*most, "other stages", "host"]
     assert [text.get_text() for text in figure.legends[0].get_texts()] == list(bars)
-    for y, p in enumerate(POINTS):
+    for y, p in enumerate(shown):
         shares = {name: seconds / p.wall_seconds for name, seconds in p.stages.items()}
         shares["host"] = 1 - sum(shares.values())
+        shares["other stages"] = sum(shares.get(f"stage {k}", 0) for k in (0, 1, 5))
         left = 0.0
         for name, of_stage in bars.items():
             bar = of_stage[y]
@@ -282,7 +348,7 @@ def test_images_stand_over_their_own_errors() -> None:
 
 
 def plain(value: object) -> str:
-    """As a CSV file shows it."""
+    """The value as a CSV file shows it."""
     return "" if value is None else str(value)
 
 
@@ -338,7 +404,13 @@ def test_the_benchmark_s_script_prints_what_it_measured(
         assert rounded(shown.removesuffix(" ms"), 1e3 * best.wall_seconds)
     assert {
         name: figure.axes[0].get_xlabel().partition(",")[0].partition(":")[0] for name, figure in drawn.items()
-    } == {"error_time": "run time", "error_count": "count", "stages": "share of the wall time", "images": ""}
+    } == {
+        "error_time": "run time",
+        "error_time_all": "run time",
+        "error_count": "count",
+        "stages": "share of the wall time",
+        "images": "",
+    }
     assert {axes.get_title() for axes in drawn["images"].axes} >= {"exact", "independent 64", "light 8"}
 
 
@@ -393,7 +465,7 @@ def test_rates_and_shares_are_by_their_definitions() -> None:
 
 
 class Timed(Programs):
-    """Kernels that do their work, though the device says that each takes 4 ms."""
+    """Kernels that do their work, although the device reports 4 ms for each."""
 
     def kernel(self, name: str, **defines: int) -> Callable[..., object]:
         kernel = super().kernel(name, **defines)
@@ -504,6 +576,16 @@ def test_scaling_has_milliseconds_and_mebibytes_over_sizes() -> None:
         assert (memory == "–") if not peaks else rounded(memory, fitted(sizes, peaks))
 
 
+def test_scaling_shows_no_memory_that_the_allocator_decides() -> None:
+    peaks = {16: 2**12, 64: 2**11, 128: 3 * 2**20}  # bytes; less than a page, and less for more
+    timings = [timing("row cdf", 1e-3, height, None, None, peak=peak) for height, peak in peaks.items()]
+    figure = roofline_plot.scaling([roofline.rated(t, LIMITS_MEASURED) for t in timings], "a device")
+    _, memories, legends = np.reshape(figure.axes, (3, 3))[:, 0]
+    (line,) = memories.lines
+    np.testing.assert_array_equal(line.get_ydata(), [3])
+    assert legend(legends) == ["row cdf: 0.00, –"]
+
+
 def test_the_roofline_s_file_holds_every_figure(tmp_path: Path) -> None:
     roofline.write_stage_csv(tmp_path / "roofline.csv", RATED)
     with (tmp_path / "roofline.csv").open(newline="") as file:
@@ -515,7 +597,7 @@ def test_the_roofline_s_file_holds_every_figure(tmp_path: Path) -> None:
 
 
 def figures(case: str, names: Sequence[str], miss: str = "") -> dict[str, float]:
-    """Figures that meet their goals, all different, but for ``miss``."""
+    """Figures that meet their goals, all different, except ``miss``."""
     shares = np.random.default_rng([*case.encode()]).uniform(0.1, 0.9, len(names))
     found = {name: COLUMNS[name].goal * share for name, share in zip(names, shares, strict=True)}
     return found | ({miss: 30 * COLUMNS[miss].goal} if miss else {})
@@ -576,7 +658,7 @@ def test_the_stability_picture_has_every_figure_in_its_cell() -> None:
                 else:
                     (shown,) = texts
                     assert is_figure(shown, value)
-                    # Light where the goal holds, dark where not.
+                    # Light if the goal is met, dark if not.
                     assert (picture[y, x].mean() > 0.7) == (value <= COLUMNS[name].goal)
     labels = [
         (t.get_position()[1], t.get_text())
@@ -611,7 +693,7 @@ def test_the_stability_files_hold_every_figure(tmp_path: Path) -> None:
 
 
 def settings_of(name: str, seed: int, **options: object) -> dict[str, object]:
-    """What a part was made with; no two parts alike."""
+    """The settings of a part, different for every part."""
     return {
         "machine": {"processor": f"processor {seed}", "cores": seed, "system": f"system {seed}"},
         "device": {"name": f"device {seed}", "implementation": f"OpenCL  {seed}.0"},
@@ -665,7 +747,7 @@ TEMPLATE = (Path(report.__file__).with_name("report.typ")).read_text(encoding="u
 
 
 def table(told: SimpleNamespace, name: str) -> list[dict[str, str]]:
-    """The rows of the table that the report's source makes of ``name``, by what stands over their columns."""
+    """The rows of the table ``name`` in the report's source, by their column headers."""
     (heads,) = re.findall(rf"numbers\(\s*\((\[.*\])\s*,?\s*\),\s*d\.{name}\b", TEMPLATE)
     names = re.findall(r"\[([^\]]*)\]", heads)
     return [dict(zip(names, row, strict=True)) for row in told.d[name]]
@@ -736,7 +818,7 @@ def test_the_report_says_what_was_drawn(told: SimpleNamespace) -> None:
     of_map = told.d["map"]
     assert of_map["peak_over_mean"] == f"{luminance[0] / luminance.mean():,.0f}"
     assert (of_map["half"], of_map["pixels"], of_map["name"]) == (f"{half:,}", "162", "the map.exr")
-    # Of part 2, whatever the others were made with.
+    # Those of part 2, whatever the other parts were made with.
     assert (of_map["width"], of_map["height"], of_map["sha256"]) == (34, 18, f"{2:064x}")
     assert (told.d["seed"], told.d["sequence"], told.d["version"]) == ("102", "sequence of part2", "2.1")
 
@@ -756,7 +838,7 @@ def test_the_report_s_benchmark_is_the_one_measured(told: SimpleNamespace) -> No
         assert (row["cheapest method"], row["count"]) == (best.method, str(best.count))
         assert rounded(row["milliseconds"], 1e3 * best.wall_seconds)
         assert rounded(row["its error, %"], 100 * best.rmse)
-        if best.method != "exact":  # whose error is below all digits shown
+        if best.method != "exact":  # its error is below all digits shown
             assert close(row["its error, %"], 100 * best.rmse)
     assert close(told.d["exact_seconds"], POINTS[-1].wall_seconds, 2)
     assert told.d["bench"] == {
@@ -824,17 +906,17 @@ def filled(d: Mapping[str, object]) -> str:
         "the median of 4 runs after a warm-up, at 123 #sym.times 123 pixels",
         "Its error is the mean over 9 seeds",
         "Error against run time at 123 #sym.times 123 pixels",
-        "but for the luck of 9 seeds",
+        "up to chance over 9 seeds",
         "from the benchmark at 123 #sym.times 123 pixels",
         "directions (sequence of part2 points, seed 102)",
-        "This map is 34 #sym.times 18 pixels.",
+        "This map has 34 #sym.times 18 pixels.",
         "pixels of the sphere (albedo 1, 70 #sym.times 70 pixels",
-        "Over 16 #sym.times 16 pixels the error of shared samples",
-        "1 hold, 2 fail and 1 were skipped, with 54,321 draws a case",
+        "Over 16 #sym.times 16 pixels, the error of shared samples",
+        "1 hold, 2 fail and 1 were skipped, with 54,321 draws per case",
         "lightdome 2.1 on the environment map",
     ],
 )
-def test_numbers_stand_in_the_sentence_that_they_belong_to(told: SimpleNamespace, sentence: str) -> None:
+def test_numbers_are_in_the_sentences_they_belong_to(told: SimpleNamespace, sentence: str) -> None:
     assert sentence in filled(told.d)
 
 
@@ -878,7 +960,7 @@ def test_averaging_is_in_percent_over_sides(told: SimpleNamespace) -> None:
     assert "side" in axes.get_xlabel()
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
     found = lines(axes)
-    sides = (1, 2, 4, 8, 16)  # no larger square of the grid lies in this disc
+    sides = (1, 2, 4, 8, 16)  # no larger square of the grid fits into this disc
     for of_kind, exact in zip(named, own, strict=True):
         for name, image in of_kind.items():
             expected = [(side, left(image, exact, side)) for side in sides]
@@ -926,7 +1008,7 @@ def textbook(degrees: float, n_i: float, n_t: float) -> tuple[float, float]:
 
 
 def shown_numbers(axes: Axes) -> str:
-    """What is written into axes, with powers of ten as Python reads them."""
+    """The text in axes, with powers of ten as Python reads them."""
     texts = "; ".join(text.get_text() for text in axes.texts if text.get_text()).replace("\n", " ")
     return re.sub(r"\$(\S+) \\times 10\^\{(-?\d+)\}\$", r"\1e\2", texts)
 
@@ -987,7 +1069,7 @@ def test_schlick_s_plots_show_the_difference_and_its_largest(sides: tuple[float,
     assert list(curves) == names
     differences = [line for line in below.lines if len(line.get_xdata()) == len(x)]
     said = [text.get_text() for text in below.texts if text.get_text()]
-    heads = ["largest absolute error ", "with transmitted angle "][: len(names)]
+    heads = [["largest absolute error "], ["incident angle: at most ", "transmitted angle: at most "]][n_i > n_t]
     for name, expected, line, text, head in zip(names, approximations, differences, said, heads, strict=True):
         np.testing.assert_allclose(curves[name], [x, expected], atol=1e-6)
         np.testing.assert_allclose(line.get_data(), [x, expected - exact], atol=1e-6)
@@ -997,6 +1079,16 @@ def test_schlick_s_plots_show_the_difference_and_its_largest(sides: tuple[float,
         assert close(largest, error.max(), 3)
         assert float(at) == pytest.approx(x[error.argmax()], abs=0.2)
     assert close(re.search(r"\$R_0\$ = ([\d.e-]+)", shown_numbers(above))[1], r0, 5)
+
+
+@pytest.mark.parametrize("eta", [1.4, 50.0])
+def test_no_difference_from_schlick_is_larger_than_the_largest_named(eta: float) -> None:
+    for sides in ((1.0, eta), (eta, 1.0)):
+        below = plot.schlick_figure(*sides).axes[1]
+        drawn = max(float(np.abs(np.asarray(line.get_ydata(), float)).max()) for line in below.lines)
+        said = " ".join(text.get_text() for text in below.texts)
+        assert max(float(number) for number in re.findall(r"(?:error|at most) ([\d.]+) at", said)) >= drawn - 1e-4
+        assert ("largest" in said) == (sides[0] < sides[1])  # of two curves, each has its own
 
 
 def test_part_1_writes_and_says_the_textbook_s_values(

@@ -1,4 +1,4 @@
-"""The stability table: its cases hold, its measures are right, and what breaks a sampler fails it."""
+"""The stability table: its cases hold, its measures are right, and broken samplers fail."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ R = 9
 
 
 def test_dim_pixels_keep_their_digits_under_a_huge_one_at_the_pole(device: Device) -> None:
-    # sin(theta) makes little of the huge pixel, so that probabilities of pixels 2^137 below it are normal numbers.
+    # sin(theta) reduces the huge pixel so much that probabilities of pixels 2^137 below it are normal numbers.
     radiance = np.full((8192, 2, 3), 2.0**-9 * 1.37, np.float32)
     radiance[0, 0] = 2.0**127
     distribution = build_distribution(device, EnvironmentMap(radiance))
@@ -134,7 +134,7 @@ def test_the_truth_is_the_reference() -> None:
 
 
 class Broken(Lightdome):
-    """A sampler with one defect: ``spoil`` changes what it says of p, or the samples that it draws."""
+    """A sampler with one defect: ``spoil`` changes its p, or the samples that it draws."""
 
     def __init__(
         self,
@@ -175,7 +175,7 @@ def one_nan(p: np.ndarray) -> np.ndarray:
 
 
 def shifted(samples: Samples) -> Samples:
-    """A pixel to the right, with the values of that pixel."""
+    """The pixels one to the right, with the values of those pixels."""
     pixel = (samples.pixel + np.array([1, 0])) % samples.map_shape[::-1]
     radiance = stiff_radiance(21, 43)
     x, y = pixel.T
@@ -208,7 +208,7 @@ def test_a_defect_fails_the_columns_that_it_concerns(
 
 
 @pytest.mark.parametrize("sequence", ["stratified", "sobol", "r2"])
-def test_draws_that_are_too_even_for_chance_fail(device: Device, stiff: EnvironmentMap, sequence: str) -> None:
+def test_draws_too_even_for_chance_fail(device: Device, stiff: EnvironmentMap, sequence: str) -> None:
     class Even(Lightdome):
         def draw(self, count: int, seed: int) -> Samples:
             return self.distribution.sample(count, seed, sequence)
@@ -233,7 +233,7 @@ def test_each_million_draws_has_a_seed_of_its_own(device: Device) -> None:
     assert len({seed for _, seed in asked}) == 3
 
 
-def test_pixels_outside_the_disc_are_no_fault_of_a_peer(device: Device, stiff: EnvironmentMap) -> None:
+def test_pixels_outside_the_disc_are_not_a_peers_fault(device: Device, stiff: EnvironmentMap) -> None:
     def filled(image: np.ndarray) -> np.ndarray:
         return np.where(disc_mask(len(image))[..., None], image, 1)
 
@@ -273,7 +273,7 @@ def test_a_step_of_a_black_row_fails(device: Device, stiff: EnvironmentMap) -> N
     assert Result("broken", "", "", stability.cdf_figures(damaged, Truth(stiff.radiance))).failures == ["cdf"]
 
 
-def test_chi_square_knows_chance_from_defect() -> None:
+def test_chi_square_tells_chance_from_defect() -> None:
     rng = np.random.default_rng(1)
     p = rng.dirichlet(np.ones(500))
     z = [stability.chi_square_z(rng.multinomial(100_000, p), p) for _ in range(200)]
@@ -296,11 +296,11 @@ def test_a_verdict_needs_every_goal_and_nan_misses_any() -> None:
             assert replace(result, judged=False).verdict == "measured"
 
 
-def test_limits_are_remarked_where_they_bind() -> None:
+def test_limits_are_mentioned_where_they_bind() -> None:
     remark = Result("x", "g", "c", {"tiny": 0.5, "subnormal": 7, "undrawn": 3, "undrawn_flux": 1e-9}).remark
-    assert "7 pixels with p < 2^-126 are exact to 2^-149" in remark
+    assert "7 pixels with p < 2^-126 are exact only to 2^-149" in remark
     assert "3 lit pixels, 1e-09 of the flux" in remark
-    assert "exact to 2^-149" not in Result("x", "g", "c", {"tiny": 5, "subnormal": 7}).remark
+    assert "exact only to 2^-149" not in Result("x", "g", "c", {"tiny": 5, "subnormal": 7}).remark
 
 
 def test_colours_are_light_where_a_goal_holds_and_dark_where_not() -> None:
@@ -313,7 +313,7 @@ def test_colours_are_light_where_a_goal_holds_and_dark_where_not() -> None:
 # ---- the script ----
 
 
-# One holds, one has maps too, one does not fit, and one is not for a quick run.
+# One holds, one also has maps, one does not fit in memory, and one is left out of a quick run.
 SMALL_CASES = [
     BY_NAME["light exactly behind"],
     BY_NAME["odd sizes"],
@@ -360,7 +360,7 @@ def test_a_case_that_fails_fails_the_script(tmp_path: Path, capsys: pytest.Captu
     assert '"p": "nan"' in (tmp_path / "stability.json").read_text()
 
 
-def test_an_unknown_device_is_one_line(script: Script, tmp_path: Path) -> None:
+def test_an_unknown_device_gives_one_line(script: Script, tmp_path: Path) -> None:
     fails_in_one_line(script("stability", "--quick", "--device", "magic", "--out", tmp_path), "magic")
 
 
@@ -406,7 +406,7 @@ def test_mitsuba_is_measured_not_judged(mitsuba: peer_mitsuba_distribution.Mitsu
 
 
 @pytest.mark.peer
-def test_a_mitsuba_that_crashes_costs_its_column_only() -> None:
+def test_a_crash_of_mitsuba_costs_only_its_column() -> None:
     others = set(multiprocessing.active_children())
     with started() as process:
         (child,) = set(multiprocessing.active_children()) - others

@@ -40,7 +40,7 @@ ETAS = [1 - 1e-7, 1 + 1e-7, 0.999, 1.001, 1 / 1.4, 1.4, 0.1, 10.0, 1e-3, 1e3, 1e
 
 
 def telling_angles(n_i: float, n_t: float) -> np.ndarray:
-    """Angles all over, and ever closer to 0, to 90 degrees, and to both sides of the two special angles."""
+    """Angles everywhere, and ever closer to 0, to 90 degrees, and to the two special angles from both sides."""
     close = np.r_[0, 10.0 ** np.arange(-16, 0)]
     angles = [np.linspace(0, RIGHT, 46), close, RIGHT - close]
     for special in (brewster_angle(n_i, n_t), critical_angle(n_i, n_t)):
@@ -61,11 +61,11 @@ def test_exact_for_an_angle_within_two_ulps(eta: float) -> None:
         for value, references in zip(values, zip(*around, strict=True), strict=True):
             low, high = float(min(references)), float(max(references))
             if references[0] == around[0][0] and abs(angle - brewster) <= 2 * slack:
-                low = 0.0  # the zero of R_p lies between the three angles
+                low = 0.0  # the zero of R_p is between the three angles
             assert low * (1 - 3e-15) <= value <= high * (1 + 3e-15), (angle, value, low, high)
 
 
-def test_entering_and_s_polarised_needs_no_slack_in_the_angle() -> None:
+def test_entering_s_polarised_light_needs_no_slack_in_the_angle() -> None:
     for eta in (1 + 1e-7, 1.001, 1.4, 10.0, 1e6):
         theta = telling_angles(1.0, eta)
         exact = [float(textbook(a, 1.0, eta)[1]) for a in theta]
@@ -201,7 +201,7 @@ def test_no_angle_has_a_larger_error_of_schlick_than_the_one_found(sides: tuple[
     theta = np.maximum(theta, 0)
     error = np.abs(schlick(theta, normal_reflectance(n_i, n_t)) - unpolarised(theta, n_i, n_t))
     assert error.max() <= worst.absolute + 1e-14
-    # and it is one: the flat top of 40,000 angles comes close to it
+    # and this error occurs: the flat top of 40,000 angles comes close to it
     assert worst.absolute <= error.max() + 1e-5
     p, s = (float(r) for r in textbook(worst.theta, n_i, n_t))
     assert worst.exact == pytest.approx((p + s) / 2, abs=1e-6 if n_i > n_t else 1e-14)
@@ -246,7 +246,7 @@ def test_labels_cover_neither_curves_nor_each_other(make: Callable[[float, float
         figure = make(*sides)
         figure.canvas.draw()
         for ax in figure.axes:
-            # Without their arrows, which run to the curves.
+            # Without their arrows, which reach the curves.
             boxes = [Text.get_window_extent(text) for text in ax.texts]
             assert boxes
             for box in boxes:

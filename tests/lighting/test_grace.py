@@ -68,7 +68,7 @@ def test_the_exact_image_of_areas_meets_quadrature(device: Device, grace: Enviro
 def test_shading_meets_float64(device: Device, distribution: Distribution) -> None:
     samples = distribution.sample(1024)
     image = shade_samples(device, samples, 511)
-    some = np.argwhere(disc_mask(511))[::17]  # 17 and 511 have no common factor: of all tiles, at all places in them
+    some = np.argwhere(disc_mask(511))[::17]  # 17 and 511 have no common factor, so all tiles and places in them occur
     y, x = some.T
     expected = reference.shade(reference.normals(511)[y, x], samples.direction, samples.radiance, samples.density)
     assert np.abs(image[y, x] - expected).max() < 1e-6 * expected.max()
@@ -106,7 +106,7 @@ def test_parts_3_and_4_line_up(device: Device, distribution: Distribution, targe
     smooth = shade_samples(device, distribution.sample(65536), 127)
     assert reference.relative_rmse(smooth, target) < 0.01
     assert reference.relative_rmse(noisy, target) < 0.1
-    # Shifted by one pixel, or turned, the noise-free image fits the noisy one worse.
+    # If shifted by one pixel, or turned, the noise-free image fits the noisy one less well.
     core = np.s_[8:-8, 8:-8]
     fit = np.square(noisy - smooth)[core].mean()
     for shift in ((0, 3), (0, -3), (3, 0), (-3, 0)):

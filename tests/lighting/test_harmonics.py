@@ -1,4 +1,4 @@
-"""Spherical harmonics: nine coefficients as published, higher orders down to the exact image."""
+"""Spherical harmonics: nine coefficients as published, and higher orders that approach the exact image."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def test_a_yaw_turns_the_phase_of_each_coefficient() -> None:
 
 
 def test_the_highest_order_turns_as_its_light(device: Device) -> None:
-    # Of two directions, degree l has (2 l + 1) / 4 pi P_l of their cosine: the addition theorem.
+    # Addition theorem: for two directions, degree l gives (2 l + 1) / 4 pi P_l of their cosine.
     one, other = (project(device, point_light(32, 64, *place), MAX_ORDER) for place in ((5, 9), (40, 3)))
     a, b = reference.directions(32, 64)[9, 5], reference.directions(32, 64)[3, 40]
     flux = reference.pixel_solid_angles(32, 64)[9, 5] * reference.pixel_solid_angles(32, 64)[3, 40]
@@ -162,7 +162,7 @@ def test_a_constant_map_is_its_colour(device: Device) -> None:
     np.testing.assert_allclose(image[disc_mask(16)], np.broadcast_to((0.25, 0.5, 1), (disc_mask(16).sum(), 3)), 1e-5)
 
 
-def test_higher_orders_come_down_to_the_exact_image(device: Device) -> None:
+def test_higher_orders_approach_the_exact_image(device: Device) -> None:
     envmap = EnvironmentMap(stiff_radiance(64, 128))
     target = exact(device, envmap, 64)
     harmonics = project(device, envmap, MAX_ORDER)
@@ -180,7 +180,7 @@ def test_truncation_is_the_projection_of_lower_order(device: Device, stiff: Envi
     np.testing.assert_array_equal(harmonics.coefficients, project(device, stiff, 4).coefficients)
 
 
-def test_what_was_used_and_left_out_is_told(device: Device, stiff: EnvironmentMap) -> None:
+def test_what_was_used_and_skipped_is_reported(device: Device, stiff: EnvironmentMap) -> None:
     device.decisions.take()
     harmonics = project(device, stiff, 5)
     told = {d.what: d.used for d in device.decisions.take()}
@@ -201,7 +201,7 @@ def test_scaling_the_map_scales_the_coefficients(device: Device, power: int) -> 
 
 
 def test_pixels_beside_a_bright_one_keep_their_light(device: Device) -> None:
-    # A wide row: sums along it keep what float32 alone would lose, for every coefficient.
+    # A wide row: sums along it keep, for every coefficient, what float32 alone would lose.
     radiance = np.full((3, 60001, 3), 1e-3, np.float32)
     radiance[:, :15000] = 3e-3
     radiance[1, 77] = 3e3
@@ -241,7 +241,7 @@ def test_errors_on_grace(device: Device, grace: EnvironmentMap) -> None:
 
 
 def test_harmonics_and_light_agree_on_the_axes(device: Device) -> None:
-    # Order 64 of one pixel's light is brightest where a directional light from there is.
+    # Up to order 64, one pixel's light is brightest where a directional light from there is.
     envmap = point_light(32, 64, 5, 9)
     direction = reference.directions(32, 64)[9, 5][None].astype(np.float32)
     directional = shade(device, direction, reference.pixel_solid_angles(32, 64)[9, 5] * np.array([[1, 2, 3]]), 64)

@@ -1,4 +1,4 @@
-"""Lights as files for other programs: what each holds, and what its program makes of it where that is installed."""
+"""Lights as files for other programs: their content, and how the program reads it, if it is installed."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from lightdome.pbrt.run import Pbrt, render_scene
 from lightdome.pbrt.scenes import Scene
 from lightdome.sampling.distribution import build_distribution
 
-# Version 3 sums all lights; version 4 picks one a sample, so its image has noise.
+# Version 3 sums all lights; version 4 picks one per sample, so its image is noisy.
 SCENE = {
     3: """\
 Scale -1 1 1
@@ -68,7 +68,7 @@ def lights(device: Device, stiff: EnvironmentMap) -> Lights:
 
 
 def read_pbrt(path: Path) -> np.ndarray:
-    """The ``distant`` lights, (N, 6): direction towards the light as PBRT takes it, and L."""
+    """The ``distant`` lights, (N, 6): direction towards the light in PBRT's axes, and L."""
     number = r"([-+.\de]+)"
     triple = rf"\[{number} {number} {number}\]"
     pattern = re.compile(rf'LightSource "distant" "point3 from" {triple} "point3 to" {triple} "rgb L" {triple}')
@@ -110,7 +110,7 @@ def read_mitsuba(path: Path) -> np.ndarray:
 
 
 def turned(w: float, x: float, y: float, z: float) -> np.ndarray:
-    """What a quaternion makes of +z, where a light is that shines along -z."""
+    """Where a quaternion takes +z, the place of a light that shines along -z."""
     assert w * w + x * x + y * y + z * z == pytest.approx(1, abs=1e-8)
     return np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
 
@@ -123,7 +123,7 @@ def read_gltf(path: Path) -> np.ndarray:
         node = content["nodes"][number]
         light = lights[node["extensions"]["KHR_lights_punctual"]["light"]]
         assert light["type"] == "directional"
-        assert max(light["color"]) == 1  # none may be above
+        assert max(light["color"]) == 1  # no channel may be above 1
         x, y, z, w = node["rotation"]
         found.append([*turned(w, x, y, z), *np.multiply(light["color"], light["intensity"])])
     return np.array(found)
@@ -168,13 +168,13 @@ EACH = pytest.mark.parametrize("name", LIGHT_FORMATS)
 
 
 def same(found: np.ndarray, lights: Lights, digits: float = 1e-8) -> None:
-    """``found`` (N, 6) are the lights, directions to a float32's digits and fluxes to the share ``digits`` of them."""
+    """Assert that ``found`` (N, 6) are the lights: directions to float32's precision, fluxes to 1 +- ``digits``."""
     np.testing.assert_allclose(found[:, :3], lights.direction, rtol=0, atol=max(1e-7, digits))
     np.testing.assert_allclose(found[:, 3:], lights.flux, rtol=digits)
 
 
 @EACH
-def test_a_file_gives_the_lights_back(lights: Lights, tmp_path: Path, name: str) -> None:
+def test_a_file_returns_the_lights(lights: Lights, tmp_path: Path, name: str) -> None:
     path = tmp_path / f"lights{LIGHT_FORMATS[name]}"
     write_lights(path, lights)
     same(READ[name](path), lights)
@@ -184,7 +184,7 @@ def test_a_file_gives_the_lights_back(lights: Lights, tmp_path: Path, name: str)
 
 @EACH
 def test_light_along_an_axis_is_exact(tmp_path: Path, name: str) -> None:
-    """Up, down, and to where a light shines that nothing turns."""
+    """Up, down, and the direction in which an unrotated light shines."""
     lights = Lights(np.concatenate([np.eye(3), -np.eye(3)]), np.full((6, 3), 0.5))
     write_lights(tmp_path / "lights", lights, name)
     found = READ[name](tmp_path / "lights")
@@ -205,7 +205,7 @@ def test_a_light_without_flux_is_left_out(tmp_path: Path, name: str) -> None:
 
 @EACH
 @pytest.mark.parametrize(("flux", "words"), [(1e39, "scale the map"), (1e-60, "no light with flux")])
-def test_what_a_program_cannot_hold_is_refused_in_words(tmp_path: Path, name: str, flux: float, words: str) -> None:
+def test_what_a_program_cannot_represent_is_refused(tmp_path: Path, name: str, flux: float, words: str) -> None:
     lights = Lights(np.eye(3)[:1], np.full((1, 3), flux))
     if name in ("csv", "json"):
         write_lights(tmp_path / "lights", lights, name)
@@ -216,7 +216,7 @@ def test_what_a_program_cannot_hold_is_refused_in_words(tmp_path: Path, name: st
         assert not list(tmp_path.iterdir())
 
 
-def test_a_format_is_that_of_the_suffix_or_told(lights: Lights, tmp_path: Path) -> None:
+def test_a_format_is_that_of_the_suffix_or_named(lights: Lights, tmp_path: Path) -> None:
     write_lights(tmp_path / "LIGHTS.JSON", lights)
     assert len(read_json(tmp_path / "LIGHTS.JSON")) == len(lights)
     for suffix in ("", ".glb"):
@@ -232,7 +232,7 @@ def test_formats_have_writers_of_their_own_names(lights: Lights, tmp_path: Path)
         same(READ[name](tmp_path / "lights.txt"), lights)
 
 
-def test_a_folder_that_is_not_there_is_told_in_words(lights: Lights, tmp_path: Path) -> None:
+def test_a_missing_folder_is_named(lights: Lights, tmp_path: Path) -> None:
     for write in (write_csv, write_pbrt):
         with pytest.raises(LightdomeError, match="cannot write"):
             write(tmp_path / "nowhere" / "lights", lights)
@@ -244,7 +244,7 @@ def test_a_folder_that_is_not_there_is_told_in_words(lights: Lights, tmp_path: P
 @pytest.mark.peer
 def test_pbrt_draws_the_same_sphere(device: Device, tmp_path: Path, program: Pbrt) -> None:
     version = program.version
-    # Mild colours: version 4 renders spectra, and saturated ones carry noise of their own.
+    # Mild colours: version 4 renders spectra, and saturated ones add noise.
     rng = np.random.default_rng(5)
     direction = rng.normal(0.3, 1, (64, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
@@ -260,7 +260,7 @@ def test_pbrt_draws_the_same_sphere(device: Device, tmp_path: Path, program: Pbr
 
 
 def ask(package: str, program: str, *arguments: object) -> object:
-    """What a Python program prints last, as JSON, that needs ``package``, in a process of its own."""
+    """Run a Python program that needs ``package`` in its own process; returns its last line, read as JSON."""
     python = python_with(package)
     if python is None:
         pytest.skip(f"needs the package {package}, here or in a Python of LIGHTDOME_PEERS")
@@ -272,7 +272,7 @@ def ask(package: str, program: str, *arguments: object) -> object:
 
 @pytest.fixture(scope="module")
 def few() -> Lights:
-    """16 lights from all sides, with an axis among them, of mild colours."""
+    """16 lights of mild colours from all sides, one of them along an axis."""
     rng = np.random.default_rng(5)
     direction = rng.normal(0.3, 1, (16, 3))
     direction[0] = (0, 0, -1)
@@ -284,7 +284,7 @@ SIZE = 63
 
 
 def meets(image: np.ndarray, device: Device, lights: Lights, tolerance: float) -> None:
-    """The image is ours but for pixels at the rim, which a program may average over what is beside the sphere."""
+    """Assert that the image is ours, except at the rim, where a program may average in the background."""
     ours = shade(device, lights.direction, lights.flux, SIZE)
     centre = (2 * np.arange(SIZE) + 1 - SIZE) / SIZE
     inner = (centre[:, None] ** 2 + centre**2 < (1 - 4 / SIZE) ** 2)[..., None]
@@ -301,7 +301,7 @@ image = numpy.array(mitsuba.render(mitsuba.load_file(sys.argv[1])))
 numpy.save(sys.argv[2], image)
 print(json.dumps(mitsuba.__version__))
 """
-# The sampler is stratified in the number that chooses a light, so each is chosen as often as the others.
+# The sampler stratifies the number that chooses a light, so all are chosen equally often.
 MITSUBA_SCENE = f"""
 <scene version="3.0.0">
     <include filename="lights.xml"/>

@@ -31,7 +31,7 @@ def test_lights_turn_with_the_map(device: Device, stiff: EnvironmentMap) -> None
     assert not turned.direction.flags.writeable
     yaw = 5 * 360 / stiff.width
     of_map = Lights.of(build_distribution(device, stiff.rotated(yaw)).sample(200))
-    # The map's seam moved, so that the samples are others; their images are near each other.
+    # The map's seam has moved, so the samples differ, but their images are close.
     images = [shade(device, each.direction, each.flux, 31) for each in (lights.rotated(yaw), of_map, lights)]
     assert reference.relative_rmse(images[0], images[1]) < reference.relative_rmse(images[2], images[1]) / 2
     with pytest.raises(LightdomeError, match=r"^pitch must be a finite angle"):

@@ -16,7 +16,7 @@ from lightdome.sampling.distribution import build_distribution
 
 
 def energy(radiance: np.ndarray) -> np.ndarray:
-    """Share of the map's energy in each pixel, (H, W) float64."""
+    """Each pixel's share of the map's energy, (H, W) float64."""
     return reference.probability(radiance)
 
 
@@ -55,17 +55,17 @@ def test_regions_hold_equal_energy(device: Device, count: int) -> None:
     p = energy(radiance)
     found = regions(build_distribution(device, EnvironmentMap(radiance)), count)
     share = sums(found, p) * count
-    # A cut misses its aim by half a row or column, up to pi / 256 of the width of the smallest regions.
+    # A cut misses its target by half a row or column, up to pi / 256 of the width of the smallest regions.
     np.testing.assert_allclose(share, 1, atol=0.005 + 0.0015 * count)
     assert np.std(share) < 0.002 + 0.0005 * count
 
 
 def cut_in_float64(radiance: np.ndarray, count: int) -> list[tuple[int, int, int, int]]:
-    """The regions from the definition: recursive, slow, and by sums over pixels alone."""
+    """The regions by definition: recursive, slow, and from sums over pixels alone."""
     height, width = radiance.shape[:2]
     p = energy(radiance)
     low, high = 0.0, 1 / count
-    for _ in range(200):  # the cap is the N-th part of what it leaves
+    for _ in range(200):  # the cap is 1/N of what remains under it
         cap = (low + high) / 2
         low, high = (cap, high) if np.minimum(p, cap).sum() > count * cap else (low, cap)
     p = np.minimum(p, high)
@@ -124,7 +124,7 @@ def test_one_bright_pixel_is_cut_out_and_spoils_no_other_cut(device: Device, at:
 
 
 def test_a_stiff_map_is_cut_where_exact_arithmetic_cuts_it(device: Device) -> None:
-    # Left of a pixel that is 1e12 times as bright, the cuts are between energies that float32 cannot hold beside it.
+    # To the left of a pixel 1e12 times as bright, the cuts divide energies that float32 cannot add to that pixel's.
     radiance = np.zeros((1, 64, 3), np.float32)
     radiance[0, :, 0] = 1e-12
     radiance[0, 20] = 1
@@ -175,7 +175,7 @@ def test_lights_converge_to_the_exact_image_faster_than_samples(device: Device) 
         lights = median_cut(distribution, count)
         errors.append(reference.relative_rmse(shade(device, lights.direction, lights.flux, 32), target))
     assert errors[0] < 0.15
-    # Independent samples halve their error with each step; these gain at least a factor of 2.5 on average.
+    # Independent samples halve their error with each step; lights reduce it at least 2.5 times on average.
     assert errors[0] / errors[-1] > 2.5**3
     assert errors[-1] < 0.002
 
@@ -208,7 +208,7 @@ def test_errors_on_grace(device: Device, grace: EnvironmentMap) -> None:
 
 @pytest.mark.parametrize("step", [1, -1])
 def test_a_pixel_far_below_the_total_is_still_lit(device: Device, step: int) -> None:
-    # Each pixel is 2^-5 of the one before it, or after it, down to 2^-60 of the total. Some lie in whole vectors.
+    # Each pixel is 2^-5 of its neighbour, before or after it, down to 2^-60 of the total. Some lie in whole vectors.
     radiance = np.zeros((1, 25, 3), np.float32)
     radiance[0, ::2] = np.ldexp(1.0, -5 * np.arange(13))[::step, None]
     for scale in (1, 2.0**-60, 2.0**50):

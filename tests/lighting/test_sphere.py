@@ -165,7 +165,7 @@ def test_areas_under_a_sun_of_one_pixel(device: Device) -> None:
 
 @pytest.mark.parametrize("resolution", [511, 8192, 16384])
 def test_what_the_row_at_the_pole_sends_to_normals_near_the_equator(resolution: int) -> None:
-    # The horizon turns along a meridian within a part of a column there, which takes more pieces than columns.
+    # There the horizon turns to follow a meridian within part of a column, which takes more pieces than columns.
     height, width = 64, 512
     bounds, start, polynomials = horizon_tables(resolution, height, width, 0, 1)
     x, weight = np.polynomial.legendre.leggauss(20)
@@ -173,7 +173,7 @@ def test_what_the_row_at_the_pole_sends_to_normals_near_the_equator(resolution: 
         n_y = (resolution - 2 * row - 1) / resolution
         s, edge = np.sqrt(1 - n_y**2), np.pi / height
         begin = np.arccos(-n_y / (s * np.tan(edge))) - np.pi / 2
-        ends = np.geomspace(begin, np.pi / 2, 60)  # azimuth from the meridian's turn on
+        ends = np.geomspace(begin, np.pi / 2, 60)  # azimuth from where it turns
         u = (ends[1:] + ends[:-1])[:, None] / 2 + (ends[1:] - ends[:-1])[:, None] / 2 * x + np.pi / 2
         horizon = np.arctan2(n_y, -s * np.cos(u))
         theta = horizon[..., None] * (1 + x) / 2
@@ -219,7 +219,7 @@ def test_the_exact_image_for_any_shape(device: Device, shape: tuple[int, int], r
     image = exact(device, EnvironmentMap(radiance), resolution, albedo=0.8)
     mask = inside(resolution)
     expected = reference.exact(radiance, reference.normals(resolution)[mask], 0.8)
-    # A map of few pixels can leave a normal no light but what grazes it: no relative error holds there.
+    # With few pixels in the map, all light may graze a normal, and then no relative error holds.
     np.testing.assert_allclose(image[mask], expected, rtol=2e-6, atol=2e-7 * expected.max(initial=0))
     assert not image[~mask].any()
 
@@ -266,7 +266,7 @@ def test_under_a_constant_map_the_sphere_has_the_maps_colour(device: Device) -> 
     envmap = EnvironmentMap(np.full((128, 256, 3), (0.25, 0.5, 1), np.float32))
     image = exact(device, envmap, 32)
     mask = inside(32)
-    # The sum over pixels is a midpoint rule: (pi / H)^2 away from the integral at most.
+    # The sum over pixels is a midpoint rule, so it is at most (pi / H)^2 from the integral.
     np.testing.assert_allclose(image[mask] / np.array([0.25, 0.5, 1]), 1, atol=6e-4)
 
 

@@ -1,4 +1,4 @@
-"""What is said of a map is true: on made maps with known answers, by float64 equations, and by samples drawn."""
+"""The analysis of a map is correct: for made maps with known answers, by float64 equations, and by sampling."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def unit(azimuth: float, elevation: float) -> np.ndarray:
 
 
 def angle(direction: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Degrees."""
+    """The angle in degrees."""
     return np.degrees(2 * np.arcsin(np.linalg.norm(direction - other, axis=-1) / 2))
 
 
@@ -44,7 +44,7 @@ def sky(rows: int = ROWS) -> np.ndarray:
 
 
 def disc(azimuth: float, elevation: float, radius: float, rows: int = ROWS, fine: int = 9) -> np.ndarray:
-    """A sun that is darker at its limb, (rows, 2 rows): means over each pixel, with a flux of 1."""
+    """A sun that darkens towards its limb, (rows, 2 rows): means over each pixel, with a flux of 1."""
     inside = (np.arange(fine) + 0.5) / fine - 0.5
     theta, phi = reference.angles(rows, 2 * rows)
     result = np.zeros(theta.shape)
@@ -111,7 +111,7 @@ def test_every_number_is_that_of_its_definition() -> None:
 
 
 def test_even_light() -> None:
-    """A surface under it has the irradiance pi L; of X = 4 pi L cos the variance is (5/3) E^2, wherever it faces."""
+    """A surface has the irradiance E = pi L, and X = 4 pi L cos has the variance (5/3) E^2, wherever it faces."""
     found = analyse(np.full((ROWS, 2 * ROWS, 3), (1.0, 2.0, 3.0)))
     assert found.luminance_minimum == found.luminance_median_by_solid_angle == found.luminance_maximum == 2
     assert found.range_stops == 0
@@ -162,7 +162,7 @@ PLACES = [(123.4, 45.6), (0.0, 30.0), (359.9, 5.0), (77.0, 89.9), (10.0, -88.0),
 @pytest.mark.parametrize(("azimuth", "elevation"), PLACES)
 @pytest.mark.parametrize("radius", [0.27, 1.0, 3.0])
 def test_a_sun_over_a_sky(azimuth: float, elevation: float, radius: float) -> None:
-    """Also across the seam, at both poles, on the horizon, and smaller than a pixel."""
+    """Including suns across the seam, at both poles, on the horizon, and smaller than a pixel."""
     found = analyse(under_sun(azimuth, elevation, radius))
     pixel = 180 / ROWS
     assert found.sun is not None, found.no_sun_reason
@@ -173,7 +173,7 @@ def test_a_sun_over_a_sky(azimuth: float, elevation: float, radius: float) -> No
     assert found.sun.irradiance_rgb_radiance_sr == pytest.approx(FLUX, rel=3e-3)
     total = reference.flux(sky()) + FLUX.mean()
     assert found.sun.flux_share == pytest.approx(FLUX.mean() / total, rel=2e-3)
-    # A pixel's width makes it larger, the dark limb smaller.
+    # The pixel's width makes it appear larger, the dark limb smaller.
     assert 0.95 * radius < found.sun.angular_radius_degrees < np.hypot(radius, pixel)
     assert not found.sun.is_clipped
     assert found.clipping.verdict == "not clipped"
@@ -239,7 +239,7 @@ def test_a_large_source_and_a_faint_one_are_no_sun() -> None:
 
 
 def test_a_plateau_counts_where_blocks_and_rows_meet(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Counts and pairs of neighbours, whatever the size of bands and blocks and the order of rows in the file."""
+    """Counts and pairs of neighbours do not depend on the size of bands and blocks, or on the file's order of rows."""
     radiance = np.random.default_rng(3).random((70, 40, 3)).astype(np.float32)
     radiance[20:31, 38:, :2] = 7
     radiance[20:31, :3, :2] = 7
@@ -260,14 +260,14 @@ def test_a_plateau_counts_where_blocks_and_rows_meet(monkeypatch: pytest.MonkeyP
 
 @pytest.mark.parametrize("height", [40, 400])
 def test_a_smooth_top_is_not_clipped(height: int) -> None:
-    """Also in steps of 1/256, as RGBE has them, where some pixels share the largest value."""
+    """Even in RGBE's steps of 1/256, where some pixels share the largest value."""
     up = reference.directions(height, 2 * height)[..., 1:2]
     smooth = np.floor(256 * np.exp(4 * up - 4.001)) / 256 * 50 * np.ones(3)
     assert analyse(smooth).clipping.verdict == "not clipped"
 
 
 def test_half_of_the_range_is_flat() -> None:
-    """A map that is cut off at a value that no format has."""
+    """A map that is clipped at a value that is no format's limit."""
     noise = np.exp(np.random.default_rng(5).normal(size=(ROWS // 2, ROWS, 1)))
     smooth = sum(np.roll(noise, (i, j), (0, 1)) for i in range(-3, 4) for j in range(-3, 4)) / 49
     found = analyse(np.minimum(smooth, np.quantile(smooth, 0.6)) * np.ones(3))
@@ -311,7 +311,7 @@ def test_an_infinite_sun_of_half_floats_is_found(tmp_path: Path) -> None:
     assert found.luminance_maximum == 65504
 
 
-def test_formats_are_told_and_options_of_reading_are_kept(tmp_path: Path) -> None:
+def test_formats_are_named_and_reading_options_are_kept(tmp_path: Path) -> None:
     radiance = sky(16).astype(np.float32)
     write_image(tmp_path / "map.exr", radiance)
     write_image(tmp_path / "map.pfm", radiance[:, :20])

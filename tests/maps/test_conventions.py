@@ -1,4 +1,4 @@
-"""Presets against the formulas of the programs, written out, and against the programs themselves."""
+"""Presets compared with the programs' formulas, written out, and with the programs themselves."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from lightdome.pbrt.run import Pbrt
 
 Formula = Callable[[float, float, float], tuple[float, float]]
 
-# (u, v) of a direction in the program's own axes, as its source has it; v is turned over where it grows upwards.
+# (u, v) of a direction in the program's own axes, as in its source; v is flipped if it grows upwards.
 FORMULAS: dict[str, Formula] = {
     "lightdome": lambda x, y, z: (math.atan2(z, x) / (2 * math.pi), math.acos(y) / math.pi),
     "pbrt": lambda x, y, z: (math.atan2(y, x) / (2 * math.pi), math.acos(z) / math.pi),
@@ -161,7 +161,7 @@ HALF_A_PIXEL = 180 / programs.labelled_map().height / 2
 
 
 def test_a_wrong_map_is_seen() -> None:
-    """The images of the tool's own views, made here: right, mirrored, turned."""
+    """Images of the tool's views, made here: right, mirrored and turned."""
     step = np.tan(np.radians(programs.ANGLE / 2)) * (2 * (np.arange(programs.SIZE) + 0.5) / programs.SIZE - 1)
 
     def images(envmap: EnvironmentMap) -> np.ndarray:

@@ -48,7 +48,7 @@ def test_bad_pixels_are_counted_and_the_first_is_named() -> None:
         assert part in str(error.value)
     mended = EnvironmentMap(radiance, sanitize=True).radiance
     np.testing.assert_array_equal(mended[1, 6], [1, 0, 1])
-    assert np.isnan(radiance[1, 6, 1])  # the caller's array is left alone
+    assert np.isnan(radiance[1, 6, 1])  # the caller's array is unchanged
     assert mended.sum() == radiance[np.isfinite(radiance) & (radiance > 0)].sum()
 
 
@@ -94,7 +94,7 @@ def test_a_clamp_makes_infinities_the_largest_value_of_the_type(kind: str, large
 
 
 @pytest.mark.parametrize("way", ["black", "clamp"])
-def test_what_was_replaced_is_told_with_the_flux_that_it_carries(way: str) -> None:
+def test_what_was_replaced_is_reported_with_the_flux_that_it_carries(way: str) -> None:
     radiance = stiff_radiance(6, 12) + np.float32(1)
     radiance[1, 6] = np.inf
     radiance[2, 3, 0] = np.nan
@@ -169,7 +169,7 @@ def test_sums_of_clamped_pixels_stay_in_range(device: Device) -> None:
         assert reference.relative_rmse(image, truth) < 1
 
 
-# --- what was checked does not change after it ---------------------------------------------------
+# --- checked values do not change afterwards ---------------------------------------------------
 
 
 def test_the_callers_array_is_not_the_maps() -> None:
@@ -181,7 +181,7 @@ def test_the_callers_array_is_not_the_maps() -> None:
     maps.append(EnvironmentMap(frozen))
     frozen.flags.writeable = True
     radiance[...] = frozen[...] = np.nan
-    assert radiance.flags.writeable  # the caller may go on with his
+    assert radiance.flags.writeable  # the caller may still write to it
     for envmap in maps:
         assert (envmap.radiance == 1).all()
         with pytest.raises(ValueError, match="read-only"):
@@ -238,7 +238,7 @@ def test_a_map_that_is_read_is_not_copied(tmp_path: Path) -> None:
     write_image(tmp_path / "map.exr", radiance)
 
     def allocated(read: Callable[[Path], object]) -> list[tracemalloc.Traceback]:
-        """The lines of code that allocated what is as large as the map and stays."""
+        """The lines of code that allocated memory as large as the map and kept it."""
         tracemalloc.start()
         kept = read(tmp_path / "map.exr")
         found = [trace.traceback for trace in tracemalloc.take_snapshot().traces if trace.size >= radiance.nbytes]

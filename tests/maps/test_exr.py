@@ -115,9 +115,9 @@ def test_y_is_grey(tmp_path: Path, part: Part) -> None:
 REFUSED = {
     "X, Y and Z": ([Part(planes(MAP, "XYZ"))], "no R, G and B.*X, Y, Z"),
     "X and Y": ([Part(planes(MAP[..., :2], "XY"))], "no R, G and B"),
-    "a lone depth": ([Part(DEPTH)], "no R, G and B.*there is Z"),
-    "a lone alpha": ([Part({"A": GREY.astype(np.float16)})], "no R, G and B.*there is A"),
-    "a lone red": ([Part({"R": GREY.astype(np.float16)})], "no R, G and B.*there is R"),
+    "a lone depth": ([Part(DEPTH)], "no R, G and B.*the file holds Z"),
+    "a lone alpha": ([Part({"A": GREY.astype(np.float16)})], "no R, G and B.*the file holds A"),
+    "a lone red": ([Part({"R": GREY.astype(np.float16)})], "no R, G and B.*the file holds R"),
     "red and blue": ([Part(planes(MAP[..., :2], "RB"))], "no R, G and B"),
     "normals": ([Part(planes(MAP, "XYZ", "N"))], r"no R, G and B.*N \(X, Y, Z\)"),
     "only an albedo": ([layers(albedo=MAP)], r"albedo \(B, G, R\)|albedo \(R, G, B\).*--layer"),
@@ -139,7 +139,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_what_is_not_certain_is_refused_with_what_there_is(tmp_path: Path, case: str) -> None:
+def test_an_ambiguous_file_is_refused_with_a_list_of_its_layers(tmp_path: Path, case: str) -> None:
     parts, reason = REFUSED[case]
     with pytest.raises(LightdomeError, match=reason) as error:
         read_image(written(tmp_path, *parts))
@@ -188,9 +188,9 @@ def test_parts_of_the_same_name_are_told_apart_or_refused(tmp_path: Path) -> Non
             read_image(path, layer="same#2")
 
 
-def test_a_layer_that_is_not_there_or_no_colour_is_refused(tmp_path: Path) -> None:
+def test_a_missing_or_colourless_layer_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path, Part({**planes(MAP), **planes(MAP, "XYZ", "N")}))
-    with pytest.raises(LightdomeError, match=r"no layer 'beauty'; there is .*N \(X, Y, Z\)"):
+    with pytest.raises(LightdomeError, match=r"no layer 'beauty'; the file holds .*N \(X, Y, Z\)"):
         read_image(path, layer="beauty")
     with pytest.raises(LightdomeError, match="its layer 'N' has no R, G and B"):
         read_image(path, layer="N")
@@ -242,7 +242,7 @@ def test_many_layers_fit_into_a_message(tmp_path: Path) -> None:
         assert len(str(error.value)) - len(str(many)) < 400
 
 
-def test_a_layer_that_was_found_is_said(tmp_path: Path) -> None:
+def test_the_chosen_layer_is_reported(tmp_path: Path) -> None:
     assert "'key'" in EnvironmentMap.read(written(tmp_path, layers(key=MAP))).notes[0]
     assert EnvironmentMap.read(written(tmp_path, layers(key=MAP)), layer="key").notes == ()
     assert EnvironmentMap.read(written(tmp_path, Part(planes(MAP)))).notes == ()
@@ -321,11 +321,9 @@ def test_bad_chromaticities_are_refused(tmp_path: Path) -> None:
         read_image(written(tmp_path, Part({name: GREY.astype("f2") for name in ("Y", "RY", "BY")}, attributes=bad)))
 
 
-def test_a_cube_map_that_is_none_is_refused_and_samples_on_the_border_are_said(
-    tmp_path: Path, run_here: Script
-) -> None:
+def test_a_false_cube_map_is_refused_and_samples_on_the_border_are_reported(tmp_path: Path, run_here: Script) -> None:
     cube = written(tmp_path, Part(planes(MAP), attributes={"envmap": ("envmap", b"\1")}))
-    with pytest.raises(LightdomeError, match="no cube-openexr map, whose sides are 1:6"):
+    with pytest.raises(LightdomeError, match=r"expected the sides of a cube-openexr map, 1:6"):
         EnvironmentMap.read(cube)
     np.testing.assert_array_equal(read_image(cube), MAP)
     latlong = written(tmp_path, Part(planes(MAP), attributes={"envmap": ("envmap", b"\0")}))

@@ -1,4 +1,4 @@
-"""Maps that programs write and readers get wrong: each gives its right value, or is refused by its true name."""
+"""Maps that programs write and readers get wrong: each gives the right values, or is refused for the right reason."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from lightdome.maps.projections import PROJECTIONS
 FOLDER = Path(__file__).parent / "field_cases"
 READ = sorted(path.stem for path in FOLDER.glob("*.npy") if "chroma" not in path.stem)
 REFUSED = {
-    "exr_names_xyz.exr": "no R, G and B, nor Y.*X, Y, Z",
-    "exr_R_and_G_only.exr": "no R, G and B, nor Y.*R, G",
+    "exr_names_xyz.exr": "no R, G and B, and no Y.*X, Y, Z",
+    "exr_R_and_G_only.exr": "no R, G and B, and no Y.*R, G",
     "exr_half_infinite_sun.exr": "1 infinite",
     "hdr_xyze.hdr": "XYZ.*ra_xyze",
     "pfm_scale_zero.pfm": "bad scale 0",
@@ -34,7 +34,7 @@ def test_a_sound_file_gives_its_radiance(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_a_file_without_a_certain_map_is_refused_by_its_name(name: str) -> None:
+def test_an_ambiguous_file_is_refused_by_name(name: str) -> None:
     with pytest.raises(LightdomeError, match=REFUSED[name]):
         EnvironmentMap.read(FOLDER / name)
 
@@ -65,7 +65,7 @@ def test_infinities_are_read_as_they_are() -> None:
     assert np.isinf(image).all(axis=2).sum() == 1
 
 
-def test_what_a_header_does_to_the_radiance_is_said() -> None:
+def test_what_a_header_does_to_the_radiance_is_reported() -> None:
     for notes in (
         ImageRows(FOLDER / "hdr_exposure_2.hdr").notes,
         EnvironmentMap.read(FOLDER / "hdr_exposure_2.hdr").notes,

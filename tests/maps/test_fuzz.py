@@ -1,4 +1,4 @@
-"""Damaged files are read or refused in one line; ``fuzz.py`` beside this reads as many as one likes."""
+"""Damaged files are read or refused in one line; ``tests/tools/fuzz.py`` reads as many as you like."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from lightdome.sampling.samples import Samples
 def test_damaged_files_are_read_or_refused(tmp_path: Path) -> None:
     counts, failures = fuzz.fuzz(400, 0, tmp_path / "failures")
     assert not failures, "\n".join(failures)
-    # Damage that nothing survives, or that nothing notices, would test nothing.
+    # Damage that no file survives, or that no reader notices, would test nothing.
     for suffix in (".pfm", ".hdr", ".exr", ".npz"):
         assert counts[f"{suffix} read"] >= 1
         assert counts[f"{suffix} refused"] >= 30
@@ -50,7 +50,7 @@ def test_every_array_can_be_damaged_twice_and_stays_small() -> None:
 @pytest.mark.parametrize(
     ("program", "failure", "seconds"),
     [
-        ("input(); input()", "not done", 0.1),
+        ("input(); input()", "did not finish", 0.1),
         ("import os; input(); os.abort()", "status -6", fuzz.SECONDS),
         (
             "import sys; input(); print('chatter', file=sys.stderr); print('[0, 0, \"read\"]')",
@@ -134,7 +134,7 @@ def test_the_scripts_refuse_in_one_line_and_leave_nothing(script: Script, tmp_pa
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
-def test_a_pipe_is_not_waited_for(script: Script, tmp_path: Path) -> None:
+def test_nothing_waits_for_a_pipe(script: Script, tmp_path: Path) -> None:
     for name, command in (("map.exr", ("part2_sample", "--map")), ("samples.npz", ("part3_shade",))):
         os.mkfifo(tmp_path / name)
         fails_in_one_line(script(*command, tmp_path / name, "--out", tmp_path / "out"), name)

@@ -1,4 +1,4 @@
-"""Radiance HDR: every orientation, header and packing of scan lines, against bytes written by hand."""
+"""Radiance HDR: every orientation, header and packing of scan lines, compared with bytes written by hand."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from lightdome.maps.images import ImageRows, read_image
 HEIGHT, WIDTH = 9, 11
 RGBE = np.random.default_rng(2).integers(0, 256, (HEIGHT, WIDTH, 4), np.uint8)
 RGBE[..., 3] = 120 + RGBE[..., 3] % 16
-RGBE[2:6] = RGBE[3, 0]  # something to pack
+RGBE[2:6] = RGBE[3, 0]  # a run to pack
 RGBE[6, 4:8] = RGBE[6, 4]
-RGBE[..., 0] |= 2  # no pixel is the mark (1, 1, 1, n)
+RGBE[..., 0] |= 2  # so that no pixel is a run (1, 1, 1, n)
 FORMAT = b"FORMAT=32-bit_rle_rgbe\n"
-# How the picture lies in the file, as the size says: scan lines, and pixels in one, from the upright picture.
+# For each size line, the picture as it is stored: scan lines of pixels, made from the upright picture.
 ORIENTATIONS = {
     "-Y +X": lambda p: p,
     "-Y -X": lambda p: p[:, ::-1],
@@ -53,7 +53,7 @@ def plain(line: np.ndarray) -> bytes:
 
 
 def old_runs(line: np.ndarray) -> bytes:
-    """Each pixel, then a mark for how often it is repeated, in bytes of 8 bits, the lowest first."""
+    """Each pixel, then run pixels with the number of repetitions, 8 bits in each, the lowest first."""
     result, at = b"", 0
     while at < len(line):
         end = at
@@ -78,7 +78,7 @@ def hdr(rgbe: np.ndarray, header: bytes = FORMAT, axes: str = "-Y +X", pack: obj
 
 
 def assert_read(path: Path, content: bytes, expected: np.ndarray) -> None:
-    """As a whole, and by rows: all, and some, which leave out others."""
+    """Assert what is read as a whole, by rows, and by some of the rows."""
     path.write_bytes(content)
     np.testing.assert_array_equal(read_image(path), expected)
     rows = ImageRows(path, batch=2)
@@ -107,7 +107,7 @@ def test_every_packing_gives_the_same_picture(tmp_path: Path, pack: object) -> N
 )
 def test_narrow_and_wide_lines_are_read(tmp_path: Path, width: int, pack: object) -> None:
     lines = np.repeat(RGBE[:2], -(-width // WIDTH), axis=1)[:, :width]
-    lines[1] = lines[1, 0]  # a run of 2^15 needs two marks, 255 and 127 times 256
+    lines[1] = lines[1, 0]  # a run of 2^15 needs two run pixels, 255 and 127 times 256
     assert_read(tmp_path / "map.hdr", hdr(lines, pack=pack), radiance(lines))
 
 
@@ -134,13 +134,13 @@ def test_a_grey_power_of_two_is_no_run(tmp_path: Path) -> None:
         (b"EXPOSURE=2\nEXPOSURE=0.25\nEXPOSURE=3e0\n", 1.5),
         (b"COLORCORR=1 2 4\n", (1, 2, 4)),
         (b"COLORCORR= 1.0  2.0 4.0\nEXPOSURE=0.5\nCOLORCORR=3 1 1\n", (1.5, 1, 2)),
-        (b"\tEXPOSURE=2\n EXPOSURE=2\n# EXPOSURE=2\npfilt -e EXPOSURE=2\n", 1),  # of pictures before, and words
+        (b"\tEXPOSURE=2\n EXPOSURE=2\n# EXPOSURE=2\npfilt -e EXPOSURE=2\n", 1),  # from earlier pictures, and other text
         (b"EXPOSURE=1\nCOLORCORR=1 1 1\n", 1),
         (b"EXPOSURE=4\nEXPOSURE=.25\n", 1),
     ],
 )
 @pytest.mark.parametrize("pack", [packed, plain])
-def test_exposure_and_colour_correction_are_divided_out_and_said(
+def test_exposure_and_colour_correction_are_divided_out_and_reported(
     tmp_path: Path, header: bytes, divisor: object, pack: object
 ) -> None:
     path = tmp_path / "map.hdr"
@@ -188,10 +188,10 @@ def test_unusual_but_sound_headers_are_read(tmp_path: Path, content: bytes) -> N
     ("content", "reason"),
     [
         (hdr(RGBE, b"FORMAT=32-bit_rle_xyze\n"), "XYZ.*ra_xyze"),
-        (hdr(RGBE, b"FORMAT=Radiance_spectra\n"), "FORMAT is 'Radiance_spectra'"),
-        (hdr(RGBE, b"FORMAT=\n"), "FORMAT is ''"),
+        (hdr(RGBE, b"FORMAT=Radiance_spectra\n"), "got 'Radiance_spectra'"),
+        (hdr(RGBE, b"FORMAT=\n"), "got ''"),
         (hdr(RGBE, FORMAT + b"\n"), "expected a size .*, got ''"),
-        (hdr(RGBE, FORMAT + b"x" * 2**20), "no end.* in the first MiB"),
+        (hdr(RGBE, FORMAT + b"x" * 2**20), "not end.* within the first MiB"),
         (hdr(RGBE, b"EXPOSURE=0\n"), "bad header line 'EXPOSURE=0'"),
         (hdr(RGBE, b"EXPOSURE=-1\n"), "bad header line"),
         (hdr(RGBE, b"EXPOSURE=nan\n"), "bad header line"),
@@ -200,8 +200,8 @@ def test_unusual_but_sound_headers_are_read(tmp_path: Path, content: bytes) -> N
         (hdr(RGBE, b"EXPOSURE=1,5\n"), "bad header line"),
         (hdr(RGBE, b"COLORCORR=1 1\n"), "bad header line"),
         (hdr(RGBE, b"EXPOSURE=1e300\nEXPOSURE=1e300\n"), "range of numbers"),
-        (b"#?RADIANCE\n" + FORMAT, "no end"),
-        (b"#?RADIANCE\n" + FORMAT + b"\n-Y 9 +X", "no end"),
+        (b"#?RADIANCE\n" + FORMAT, "not end"),
+        (b"#?RADIANCE\n" + FORMAT + b"\n-Y 9 +X", "not end"),
         (b"#?RADIANCE\n" + FORMAT + b"\n-Y 9 +Y 11\n", "expected a size"),
         (b"#?RADIANCE\n" + FORMAT + b"\n9 11\n", "expected a size"),
         (b"#?RADIANCE\n" + FORMAT + b"\n-Y 0 +X 11\n", "0 pixels"),
@@ -209,17 +209,17 @@ def test_unusual_but_sound_headers_are_read(tmp_path: Path, content: bytes) -> N
         (hdr(RGBE)[:-1], "too early"),
         (hdr(RGBE, pack=old_runs)[:-1], "too early"),
         (b"#?RADIANCE\n\n-Y 1 +X 2\n" + bytes([1, 1, 1, 2, 1, 1, 1, 2]), "begins with a run"),
-        (b"#?RADIANCE\n\n-Y 1 +X 4\n" + bytes([9, 9, 9, 130, 1, 1, 1, 9, 0, 0, 0, 0, 0, 0, 0, 0]), "leaves"),
-        (b"#?RADIANCE\n\n-Y 1 +X 9\n" + b"\2\2\0\x09" + bytes([128 + 10, 5]) * 4, "leaves"),
-        (b"#?RADIANCE\n\n-Y 1 +X 9\n" + b"\2\2\0\x09" + bytes(40), "no length"),
+        (b"#?RADIANCE\n\n-Y 1 +X 4\n" + bytes([9, 9, 9, 130, 1, 1, 1, 9, 0, 0, 0, 0, 0, 0, 0, 0]), "exceeds"),
+        (b"#?RADIANCE\n\n-Y 1 +X 9\n" + b"\2\2\0\x09" + bytes([128 + 10, 5]) * 4, "exceeds"),
+        (b"#?RADIANCE\n\n-Y 1 +X 9\n" + b"\2\2\0\x09" + bytes(40), "length 0"),
     ],
 )
-def test_what_cannot_be_read_is_refused_for_the_true_reason(tmp_path: Path, content: bytes, reason: str) -> None:
+def test_what_cannot_be_read_is_refused_for_the_right_reason(tmp_path: Path, content: bytes, reason: str) -> None:
     (tmp_path / "map.hdr").write_bytes(content)
     with pytest.raises(LightdomeError, match=reason):
         read_image(tmp_path / "map.hdr")
 
 
-def test_a_gamma_is_not_undone_but_said(tmp_path: Path) -> None:
+def test_a_gamma_is_reported_but_not_undone(tmp_path: Path) -> None:
     assert_read(tmp_path / "map.hdr", hdr(RGBE, b"GAMMA=2.2\n"), radiance(RGBE))
     assert "GAMMA=2.2" in ImageRows(tmp_path / "map.hdr").notes[0]

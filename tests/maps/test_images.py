@@ -1,4 +1,4 @@
-"""Orientation and values of every format, against bytes written by hand."""
+"""Orientation and values in every format, compared with bytes written by hand."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_ppm_and_png_are_written_top_down(tmp_path: Path) -> None:
     write_image(tmp_path / "a.ppm", pixels)
     assert (tmp_path / "a.ppm").read_bytes() == b"P6\n4 2\n255\n" + pixels.tobytes()
     write_image(tmp_path / "a.png", pixels)
-    read = matplotlib.image.imread(tmp_path / "a.png")  # by another library than the one that wrote it
+    read = matplotlib.image.imread(tmp_path / "a.png")  # by a library other than the one that wrote it
     np.testing.assert_array_equal(np.rint(read * 255).astype(np.uint8), pixels)
 
 

@@ -1,4 +1,4 @@
-"""Markers are squares round their pixels, whatever their size, and cost no more for it."""
+"""Markers are squares around their pixels, and large ones cost no more than small ones."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from lightdome.maps.markers import mark_pixels
+from lightdome.maps.markers import mark_picture, mark_pixels
 
 
 def test_markers_wrap_at_the_sides_and_are_clipped_at_the_poles() -> None:
@@ -17,6 +17,22 @@ def test_markers_wrap_at_the_sides_and_are_clipped_at_the_poles() -> None:
     expected[np.ix_([4, 5], [6, 7, 0])] = True
     np.testing.assert_array_equal(image[..., 2], expected)
     assert not image[..., :2].any()
+
+
+@pytest.mark.parametrize("size", [1, 2, 5])
+def test_markers_on_pictures_are_blue_with_a_white_outline(size: int) -> None:
+    picture = np.full((12, 20, 3), 7, np.uint8)
+    pixel = np.array([[0, 4], [10, 11], [11, 5], [13, 5]])  # over the edge, clipped, and two that touch
+    plain = picture.astype(float)
+    mark_pixels(plain, pixel, size, (0, 0, 1))
+    mark_picture(picture, pixel, size)
+    blue = (plain == (0, 0, 1)).all(axis=2)
+    np.testing.assert_array_equal((picture == (0, 0, 255)).all(axis=2), blue)
+    around = np.zeros_like(blue)
+    for y, x in np.argwhere(blue):
+        around[max(y - 1, 0) : y + 2, np.arange(x - 1, x + 2) % 20] = True
+    np.testing.assert_array_equal((picture == 255).all(axis=2), around & ~blue)
+    assert (picture[~around] == 7).all()
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (6, 8), (7, 12)])

@@ -56,7 +56,7 @@ def test_values_keep_their_bits(tmp_path: Path) -> None:
     assert image.tobytes() == np.repeat(values[..., None], 3, axis=2).tobytes()
 
 
-def test_the_scale_multiplies_and_is_said(tmp_path: Path) -> None:
+def test_the_scale_multiplies_and_is_reported(tmp_path: Path) -> None:
     image = read_both_ways(tmp_path / "map.pfm", b"PF\n5 3\n-2.5\n" + LITTLE)
     np.testing.assert_array_equal(image, COLOUR * np.float32(2.5))
     assert "scale in its header, 2.5" in EnvironmentMap.read(tmp_path / "map.pfm").notes[0]
@@ -78,7 +78,7 @@ def test_the_scale_multiplies_and_is_said(tmp_path: Path) -> None:
         (b"PF\n5 2\n-1\n" + LITTLE, "take 120 bytes"),
         (b"Pf\n5 3\n-1\n" + LITTLE, "take 60 bytes"),
         (b"PF\n5 3\n-1\n\n\n" + LITTLE, "take 180 bytes"),
-        # Of a header that ends in CRLF, or in a space and LF: the LF is no byte of a pixel.
+        # The header ends in CRLF, or in a space and LF: the LF does not belong to a pixel.
         (b"PF\r\n5 3\r\n-1\r\n" + LITTLE[:-1], "take 180 bytes"),
         (b"PF\n5 3\n-1 \n" + LITTLE[:-1], "take 180 bytes"),
         (b"PF\n5 3\n", "begin with PF"),

@@ -1,4 +1,4 @@
-"""Rotations of maps: exact by whole columns, else with their flux and directions kept."""
+"""Rotations of maps: exact by whole columns; others keep flux and directions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The angle functions of the kernels against float64."""
+"""The kernels' angle functions compared with float64."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lightdome.opencl import memory
 from lightdome.opencl.device import Device
 from lightdome.opencl.programs import source
 
-# Some compilers chat also when all is well.
+# Some compilers print remarks even on success.
 pytestmark = pytest.mark.filterwarnings("ignore::pyopencl.CompilerWarning")
 
 KERNELS = """

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pyopencl as cl
 import pytest
+from helpers import stiff_radiance
 from lightdome.errors import LightdomeError
 from lightdome.lighting.exact import exact
 from lightdome.lighting.harmonics import project, shade_harmonics
@@ -20,9 +21,12 @@ from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import ImageRows, write_image
 from lightdome.opencl import memory
 from lightdome.opencl.device import Device, open_device
+from lightdome.opencl.memory import DeviceArray
 from lightdome.opencl.programs import Programs
 from lightdome.rendering.per_pixel import ESTIMATORS, render
 from lightdome.rendering.per_pixel import SEQUENCES as RENDER_SEQUENCES
+from lightdome.rendering.product import build_product_cdfs
+from lightdome.sampling.cdf import build_row_cdfs
 from lightdome.sampling.distribution import Distribution, build_distribution
 from lightdome.sampling.samples import SEQUENCES
 from lightdome.sampling.streaming import sample_file
@@ -31,7 +35,7 @@ R = 33
 
 
 def made_radiance(spread: int) -> np.ndarray:
-    """A map in whole numbers times powers of two, with black pixels: no rounding in its making. (37, 67, 3)."""
+    """A map (37, 67, 3) of integers times powers of two, with black pixels, made without any rounding."""
     y, x, c = np.mgrid[0:37, 0:67, 0:3]
     radiance = np.ldexp(((x * 7 + y * 13 + c * 5) % 31).astype(np.float32), (x * 5 + y * 3) % (2 * spread + 1) - spread)
     radiance[(x + 3 * y) % 5 == 0] = 0
@@ -46,13 +50,13 @@ def digest(*arrays: np.ndarray) -> str:
 
 
 def samples_of(distribution: Distribution, sequence: str, within: str = "centre") -> str:
-    """A digest of samples, few and many."""
+    """A digest of samples, for small and large counts."""
     drawn = [distribution.sample(count, 2**40 + 5, sequence, within) for count in (1, 1000, 100_000)]
     return digest(*(a for s in drawn for a in (s.pixel, s.probability, s.direction, s.radiance)))
 
 
 def images(distribution: Distribution) -> dict[str, np.ndarray]:
-    """An image by every way to one."""
+    """An image by every method."""
     device, envmap = distribution.device, distribution.envmap
     samples, lights = distribution.sample(1000, 3), median_cut(distribution, 64)
     result = {
@@ -100,6 +104,40 @@ def test_cdfs_and_median_cuts_are_the_same_to_the_last_bit(devices: list[Device]
         assert (digest(*cdfs), digest(regions(distribution, 100))) == RECORDED_CDFS, device.description
 
 
+def tables(distribution: Distribution) -> dict[str, np.ndarray]:
+    """Every table that draws, but for what is never read of them: rows without light, and tiles outside the disc."""
+    device, cdf, product = distribution.device, distribution.cdf, build_product_cdfs(distribution, 131)
+    on_host = {
+        name: memory.download(device, array)
+        for part in (cdf, cdf.guide, product)
+        for name, array in vars(part).items()
+        if isinstance(array, DeviceArray)
+    }
+    on_host["weights above the mean"] = memory.download(device, build_row_cdfs(distribution.map, 1.0).cdf)
+    on_host["sums"] = memory.download(device, build_row_cdfs(distribution.map).sums)
+    is_lit = on_host["row_total"] > 0
+    on_host["rows of the guide"] = memory.download(device, cdf.guide.rows)[is_lit]
+    on_host["rows"], on_host["marginal CDF"] = (memory.download(device, a) for a in (cdf.rows, cdf.marginal))
+    for name in ("tile_row_cdf", "tile_marginal_cdf", "tile_cones"):
+        on_host[name] = on_host[name][on_host["tile_total"] > 0]
+    return on_host
+
+
+@pytest.mark.parametrize(("height", "width"), [(3, 4100), (300, 37), (70, 2049)])
+def test_tables_of_large_maps_are_the_same_to_the_last_bit(devices: list[Device], height: int, width: int) -> None:
+    """A GPU shares rows among work-items, which take several turns at so many pixels or rows."""
+    radiance = stiff_radiance(height, width)
+    radiance[0] = 1
+    expected: dict[str, np.ndarray] = {}
+    for device in devices:
+        distribution = build_distribution(device, EnvironmentMap(radiance))
+        for name, table in tables(distribution).items():
+            np.testing.assert_array_equal(table, expected.setdefault(name, table), f"{name}, {device.description}")
+        for count in (1, 100):
+            cut = regions(distribution, count)
+            np.testing.assert_array_equal(cut, expected.setdefault(f"{count} regions", cut), device.description)
+
+
 def test_images_are_the_same_to_1e_5(devices: list[Device]) -> None:
     first: dict[str, np.ndarray] = {}
     for device in devices:
@@ -115,7 +153,7 @@ def test_nothing_depends_on_what_memory_held_before(devices: list[Device], monke
     make = cl.Buffer
     for device in devices:
         results = []
-        for byte in (0, 0xFF):  # as float: 0 and NaN
+        for byte in (0, 0xFF):  # as floats: 0 and NaN
 
             def filled(
                 context: cl.Context,
@@ -126,9 +164,9 @@ def test_nothing_depends_on_what_memory_held_before(devices: list[Device], monke
                 queue: cl.CommandQueue = device.queue,
                 byte: int = byte,
             ) -> cl.Buffer:
-                """OpenCL's memory, as another program may have left it."""
+                """A buffer filled as another program might have left it."""
                 buffer = make(context, flags, size, hostbuf)
-                if flags & cl.mem_flags.READ_WRITE:  # for results; others hold what was uploaded
+                if flags & cl.mem_flags.READ_WRITE:  # a result's buffer; others hold uploaded arrays
                     cl.enqueue_fill_buffer(queue, buffer, np.uint8(byte), 0, buffer.size)
                 return buffer
 
@@ -153,7 +191,7 @@ class GivenLocalSizes(Programs):
 
 
 def test_no_kernel_waits_for_a_compiler_at_another_size(devices: list[Device], tmp_path: Path) -> None:
-    """Left to choose a local size, PoCL takes another for nearly every global one and compiles for each."""
+    """Left to choose, PoCL picks a different local size for nearly every global size and compiles each."""
     write_image(tmp_path / "map.pfm", MAPS["stiff"])
     for device in devices:
         if not device.is_gpu:
@@ -164,7 +202,7 @@ def test_no_kernel_waits_for_a_compiler_at_another_size(devices: list[Device], t
             sample_file(checked, ImageRows(tmp_path / "map.pfm"), [5])
 
 
-# Recorded once. What draws or computes others breaks every user's files.
+# Recorded once. A change that draws or computes other values breaks every user's files.
 RECORDED_SAMPLES = {
     ("stiff", "independent"): "80892b2cfbe8a091",
     ("stiff", "stratified"): "bc0f63bfef15ea89",

@@ -1,4 +1,4 @@
-"""Divisions and roots that are exact on every device, against whole numbers and correct rounding."""
+"""Divisions and roots that are exact on every device, compared with integers and correct rounding."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lightdome.opencl import memory
 from lightdome.opencl.device import Device
 from lightdome.opencl.programs import source
 
-# Some compilers chat also when all is well.
+# Some compilers print remarks even on success.
 pytestmark = pytest.mark.filterwarnings("ignore::pyopencl.CompilerWarning")
 
 KERNELS = """
@@ -26,7 +26,7 @@ kernel void roots(global const float *of, global float *result)
 
 
 def run(device: Device, kernel: str, array: np.ndarray, off: int = 0) -> np.ndarray:
-    """What ``kernel`` makes of ``array``; ``off`` is added to the device's own root of squares from 2^46 to 2^48."""
+    """The result of ``kernel`` for ``array``; ``off`` is added to the device's roots of squares, 2^46 to 2^48."""
     text = source("common/within_pixel.clh").replace("sqrt((float)square)", f"(sqrt((float)square) + {off})")
     assert f"+ {off})" in text
     options = ["-cl-std=CL1.2", f"-DCPU={int(not device.is_gpu)}"]
@@ -47,7 +47,7 @@ def test_quotients_are_rounded_down_also_next_to_whole_ones(device: Device) -> N
     np.testing.assert_array_equal(found, np.array([n // b for n, b in pairs], np.uint64))
 
 
-@pytest.mark.parametrize("off", [-3, -1, 0, 2, 3])  # as many units in the last place as OpenCL allows a root
+@pytest.mark.parametrize("off", [-3, -1, 0, 2, 3])  # units in the last place, up to what OpenCL allows a root
 def test_roots_are_rounded_correctly_however_the_device_rounds_its_own(device: Device, off: int) -> None:
     rng = np.random.default_rng(1)
     squares = (np.arange(2**23, 2**24, 997, dtype=np.float64) * 2.0**-24) ** 2

@@ -1,4 +1,4 @@
-"""A forked process has none of OpenCL's threads: it says so, and does not wait for them."""
+"""A forked process has none of OpenCL's threads: it reports that, instead of waiting for them."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ next(images)
 kernel = device.kernel("limits/launch")
 device.launch("limits/launch", (1,))
 """
-SECONDS = 60  # a fork that waits waits for ever
+SECONDS = 60  # a fork that waits for them waits forever
 
 
 def run(program: str) -> list[str]:

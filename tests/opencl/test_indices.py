@@ -1,4 +1,4 @@
-"""Beyond 2^31 floats no index overflows: buffers are the limit, and one that is too large is refused."""
+"""No index overflows beyond 2^31 floats; only the size of buffers is limited, and larger ones are refused."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ WIDTH, HEIGHT = 32768, 21846  # 3 x WIDTH x HEIGHT is 2^31 + 65536
 
 
 def black(height: int, width: int) -> np.ndarray:
-    """A black map of pages that take no memory before they are written to, and whose address suits a device."""
+    """A black map in pages that take no memory until written to, at an address that suits a device."""
     memory = mmap.mmap(-1, 12 * height * width, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
     if hasattr(mmap, "MADV_HUGEPAGE"):
         memory.madvise(mmap.MADV_HUGEPAGE)  # seconds instead of a minute to read them

@@ -1,4 +1,4 @@
-"""Kernels take arguments that are named, checked and cast, and what they work on stays until they are done."""
+"""Kernels' arguments are named, checked and cast, and their arrays are kept until the kernels are done."""
 
 from __future__ import annotations
 
@@ -202,7 +202,7 @@ def test_groups_are_filled_up(device: Device, step: int | None) -> None:
 
 @pytest.fixture
 def gate(device: Device) -> Iterator[cl.UserEvent]:
-    """Holds up what is launched until it is complete."""
+    """An event that holds up launched kernels until it is complete."""
     event = cl.UserEvent(device.context)
     device.wait()
     cl.enqueue_barrier(device.queue, wait_for=[event])
@@ -213,7 +213,7 @@ def gate(device: Device) -> Iterator[cl.UserEvent]:
 
 
 def weigh(device: Device) -> weakref.ref[DeviceArray]:
-    """Launch a kernel; whether what it writes to is still kept."""
+    """Launch a kernel; returns a reference that tells whether its result is still kept."""
     array, radiance = memory.empty(device, 16, np.float32), memory.empty(device, 3, np.float32)
     device.launch("sampling/map_weights", (1,), radiance=radiance, width=1, scale=1, f=array)
     return weakref.ref(array)
@@ -231,7 +231,7 @@ def test_what_a_kernel_works_on_stays_until_it_is_done(device: Device, gate: cl.
 
 @contextlib.contextmanager
 def opened_soon(gate: cl.UserEvent) -> Iterator[None]:
-    """Complete ``gate`` while the block waits for it."""
+    """Complete ``gate`` while the ``with`` block waits for it."""
     opener = threading.Timer(0.1, gate.set_status, [cl.command_execution_status.COMPLETE])
     opener.start()
     try:
@@ -240,7 +240,7 @@ def opened_soon(gate: cl.UserEvent) -> Iterator[None]:
         opener.join()
 
 
-def test_so_many_launches_are_under_way_and_no_more(device: Device, gate: cl.UserEvent) -> None:
+def test_only_so_many_launches_are_pending(device: Device, gate: cl.UserEvent) -> None:
     alive = weigh(device)
     for _ in range(PENDING - 1):
         device.launch("limits/launch", (1,))
@@ -251,7 +251,7 @@ def test_so_many_launches_are_under_way_and_no_more(device: Device, gate: cl.Use
 
 
 def test_memory_is_refused_once_nothing_is_under_way(device: Device, gate: cl.UserEvent) -> None:
-    """The process may end next, and some compilers, still at work for a kernel, would crash it."""
+    """The process may end next, and a compiler still working on a kernel might crash it."""
     alive = weigh(device)
     with opened_soon(gate):
         with pytest.raises(LightdomeError, match="use fewer samples"):

@@ -54,26 +54,26 @@ def test_a_device_is_found_by_every_name_that_is_shown(device: Device, monkeypat
 
 
 def shown(device: Device) -> str:
-    """All that is said of a device, in small letters."""
+    """Everything that is printed about a device, in lower case."""
     handle, platform = device.handle, device.handle.platform
     names = (device.description, platform.name, platform.vendor, platform.version)
     return " ".join((*names, handle.name, handle.vendor, handle.version, handle.driver_version)).lower()
 
 
 @pytest.mark.parametrize("asked", ["pocl", "POCL", "PoCL:0", "pocl:pthread", "Portable:pocl"])
-def test_pocl_is_found_by_the_name_that_all_know_it_by(device: Device, asked: str) -> None:
+def test_pocl_is_found_by_its_common_name(device: Device, asked: str) -> None:
     if "PoCL" not in device.description:
         pytest.skip("needs PoCL")
     assert "PoCL" in open_device(asked).description
 
 
 @pytest.mark.parametrize("asked", ["9" * 5000, "77", "77:0", "0:77", "²", "pocl:Voodoo"])
-def test_numbers_and_names_of_no_device_are_one_line(asked: str) -> None:
+def test_numbers_and_names_of_no_device_give_one_line(asked: str) -> None:
     with pytest.raises(LightdomeError, match="no OpenCL device matches"):
         open_device(asked)
 
 
-def test_pyopencl_ctx_is_followed_and_the_argument_goes_first(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pyopencl_ctx_is_obeyed_and_the_argument_comes_first(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYOPENCL_CTX", "no such thing")
     with pytest.raises(LightdomeError, match="no such thing"):
         open_device()
@@ -93,7 +93,7 @@ def test_a_device_that_fails_the_probe_does_not_count(
     device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    # The child finds no lightdome to import: as good as a compiler that aborts.
+    # The child cannot import lightdome, which has the same effect as a compiler that aborts.
     monkeypatch.setattr(sys, "executable", "/bin/false")
     with pytest.raises(LightdomeError, match="no OpenCL device works here"):
         open_device()
@@ -102,6 +102,7 @@ def test_a_device_that_fails_the_probe_does_not_count(
     assert not list(tmp_path.rglob("*"))
 
 
+@pytest.mark.slow
 def test_a_device_that_passed_the_probe_is_remembered(
     device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -111,11 +112,12 @@ def test_a_device_that_passed_the_probe_is_remembered(
     assert open_device(device.handle.name).handle == device.handle
 
 
-def test_devices_are_listed_with_their_rates_and_the_one_that_is_taken_first(device: Device) -> None:
+@pytest.mark.slow
+def test_devices_are_listed_with_their_rates_and_the_used_one_first(device: Device) -> None:
     result = subprocess.run([sys.executable, "-m", "lightdome", "devices"], capture_output=True, text=True)
     assert result.returncode == 0
     taken, why, _, *table = result.stdout.splitlines()
-    assert why.startswith("taken (*): ")
+    assert why.startswith("used (*): ")
     (row,) = (line for line in table if line.startswith("*"))
     platform, index = map(int, row.split()[1].split(":"))
     handle = cl.get_platforms()[platform].get_devices()[index]
@@ -145,6 +147,7 @@ def test_devices_are_listed_for_programs_too(
     assert text.endswith(f"{works['note']}\n")
 
 
+@pytest.mark.slow
 def test_the_probe_of_a_device_prints_its_rates(device: Device) -> None:
     platform = cl.get_platforms().index(device.handle.platform)
     index = device.handle.platform.get_devices().index(device.handle)
@@ -159,7 +162,7 @@ FAST = Rates(fused=2e11, plain=1e11, copies=5e10, transfers=None, launches=1e5, 
 
 
 class Machine:
-    """A machine of devices whose rates, or failures, are made up; ``probed`` counts their probes."""
+    """A machine with made-up devices, rates and failures; ``probed`` counts their probes."""
 
     def __init__(self, handle: cl.Device, monkeypatch: pytest.MonkeyPatch, *devices: Rates | str) -> None:
         self.devices = list(devices)
@@ -180,7 +183,7 @@ class Machine:
         monkeypatch.setattr(subprocess, "run", self.run)
 
     def run(self, command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
-        """The child process of the probe."""
+        """Stands in for the probe's child process."""
         number = int(command[-1])
         self.probed[number] += 1
         does = self.devices[number]
@@ -190,7 +193,7 @@ class Machine:
 
 
 def opened(asked: str | None = None) -> int:
-    """The number of the device that is taken."""
+    """The number of the device that is opened."""
     return open_device(asked).handle.number
 
 
@@ -198,7 +201,7 @@ def test_the_fastest_device_is_taken(device: Device, monkeypatch: pytest.MonkeyP
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.delenv("PYOPENCL_CTX", raising=False)
     slow = replace(FAST, fused=5e10, plain=5e10)
-    far = replace(FAST, fused=1e13, plain=1e13, transfers=1e8)  # a quick GPU at the end of a slow bus
+    far = replace(FAST, fused=1e13, plain=1e13, transfers=1e8)  # a fast GPU on a slow bus
     near = replace(FAST, fused=1e13, plain=1e13, transfers=2e10)
     for devices, taken in (
         ((slow, FAST, "broken"), 1),
@@ -219,13 +222,13 @@ def test_the_order_of_devices_does_not_choose(
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.delenv("PYOPENCL_CTX", raising=False)
-    # An old implementation, one that is newer and slower, the fastest, and one that does not work.
+    # An old implementation, a newer but slower one, the fastest, and one that does not work.
     kinds = (replace(FAST, fused=5e10, plain=5e10), replace(FAST, fused=4e10, plain=4e10), FAST, "broken")
     for devices in permutations(kinds):
         for record in tmp_path.rglob("*.json"):
             record.unlink()
         Machine(device.handle, monkeypatch, *devices)
-        for _ in range(2):  # from new probes, and from what is remembered
+        for _ in range(2):  # from new probes, then from remembered results
             assert opened(asked) == devices.index(FAST)
         for number, does in enumerate(devices):
             if does != "broken":
@@ -254,7 +257,7 @@ def test_a_failure_is_remembered_for_a_day_where_another_device_works(
             os.utime(record, (0, 0))
     opened()
     assert machine.probed == [2, 1]
-    # Asked for by name, a device is tried again.
+    # A device that is asked for by name is tried again.
     machine.devices[0] = FAST
     assert opened("0:0") == 0
 
@@ -333,6 +336,7 @@ def test_a_damaged_record_of_a_device_is_made_again(
     assert path.read_text() == whole
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "status", "said"),
     [
@@ -372,7 +376,7 @@ def test_a_kernel_is_built_once_per_set_of_defines(device: Device) -> None:
     assert programs.kernel("lighting/shade", WIDTH=1, ROWS=2) is not kernel
 
 
-def test_a_build_that_fails_is_one_line(device: Device) -> None:
+def test_a_build_that_fails_gives_one_line(device: Device) -> None:
     with pytest.raises(LightdomeError, match=r"refuses clkernels/lighting/shade\.cl") as error:
         Programs(device.context).kernel("lighting/shade", WIDTH=3, ROWS=1)
     assert "\n" not in str(error.value)
@@ -382,7 +386,7 @@ def test_a_header_is_inlined_once() -> None:
     text = source("sampling/row_cdf.cl")
     assert '#include "' not in text
     assert text.count("#define TWO_SUM") == 1
-    # An include path with a space in it, as of a clone in such a folder, is lost on PoCL's compiler.
+    # PoCL's compiler cannot handle an include path with a space in it, as for a clone in such a folder.
     assert "#include <pyopencl" not in source("sampling/sample.cl")
     assert source("sampling/sample.cl").count("#define PHILOX_M4x32_0") == 1
 

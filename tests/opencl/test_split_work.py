@@ -27,7 +27,7 @@ POINTS = np.random.default_rng(8).random((600, 2))
 
 
 def results(device: Device, envmap: EnvironmentMap, path: Path) -> dict[str, list[np.ndarray]]:
-    """What every function makes of a map that takes more than one work-item. ``path`` is a file of the map."""
+    """The results of every function for a map that takes more than one work-item; ``path`` is the map's file."""
     distribution = build_distribution(device, envmap)
     found: dict[str, list[np.ndarray]] = {}
     for sequence in SEQUENCES:
@@ -82,7 +82,7 @@ LIGHTS = 2**19
 
 @pytest.fixture(scope="module")
 def lights() -> tuple[np.ndarray, np.ndarray]:
-    """Half a million lights from everywhere; the first is as strong as a tenth of all the others."""
+    """Half a million lights from everywhere; the first has a tenth of the flux of all the others."""
     rng = np.random.default_rng(2)
     direction = rng.normal(size=(LIGHTS, 3))
     direction = (direction / np.linalg.norm(direction, axis=1, keepdims=True)).astype(np.float32)
@@ -106,7 +106,7 @@ def test_half_a_million_lights_lose_no_digits(
 
 
 @pytest.mark.parametrize(("height", "width"), [(131, 53), (65, 127), (67, 13)])
-def test_every_road_meets_the_float64_sum_on_maps_of_several_bands(
+def test_every_method_meets_the_float64_sum_on_maps_of_several_bands(
     device: Device, gpu_shaped: Device, height: int, width: int
 ) -> None:
     # Bands have 64 rows or fewer; the last ones of these maps have one, three or many.
@@ -128,7 +128,7 @@ def test_every_road_meets_the_float64_sum_on_maps_of_several_bands(
 
 
 def harmonic_sum(radiance: np.ndarray, order: int, normal: np.ndarray) -> np.ndarray:
-    """The series up to ``order`` of the sphere's image by the addition theorem, in float64: no Y_lm is formed."""
+    """The sphere's image by the series up to ``order``, from the addition theorem in float64, without any Y_lm."""
     height, width = radiance.shape[:2]
     light = radiance.astype(np.float64) * reference.pixel_solid_angles(height, width)[..., None]
     cosine = normal @ reference.directions(height, width).reshape(-1, 3).T

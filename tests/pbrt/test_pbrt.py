@@ -55,7 +55,7 @@ def pixel_direction(x: float, y: float, width: int, height: int) -> np.ndarray:
 
 
 def pixel_centroid(x: int, y: int, width: int, height: int) -> np.ndarray:
-    """The mean direction over a pixel's solid angle, which near a pole is not that of its centre."""
+    """The mean direction over a pixel's solid angle, which near a pole differs from that of its centre."""
     t0, t1 = math.pi * y / height, math.pi * (y + 1) / height
     p0, p1 = 2 * math.pi * x / width, 2 * math.pi * (x + 1) / width
     ring = (t1 - t0) / 2 - (math.sin(2 * t1) - math.sin(2 * t0)) / 4
@@ -112,7 +112,7 @@ def test_texels_inside_a_pixel_have_its_radiance():
     grid = pixel.reshape(side, 2, side, 2).swapaxes(1, 2).reshape(side, side, 4)
     inside = (grid == grid[..., :1]).all(axis=2)
     difference = np.abs(square - radiance.reshape(-1, 3)[grid[..., 0]])[inside].max(axis=1)
-    # The rest are texels of which a border clips a corner beyond the four points.
+    # The rest are texels with a corner, beyond the four points, that a border clips.
     assert (difference < 1e-6).mean() > 0.9
     assert np.median(difference) < 1e-6
 
@@ -142,7 +142,7 @@ def test_a_scene_has_the_camera_and_light_of_the_conventions(version):
 
 
 def test_pbrt_4_renders_as_many_samples_as_asked_for():
-    # Its zsobol sampler would round a number that is no power of two down.
+    # Its zsobol sampler would round other numbers down to a power of two.
     assert 'Sampler "zsobol" "integer pixelsamples" [8]' in scene_text(4, 8)
     assert 'Sampler "halton" "integer pixelsamples" [10]' in scene_text(4, 10)
 
@@ -194,7 +194,7 @@ ANSWER = f"import sys\nprint({BANNER!r}, flush=True)\nif len(sys.argv) == 1:\n  
 
 
 def stand_in(folder: Path, body: str, name: str = "pbrt") -> Path:
-    """An executable Python script in place of the program pbrt."""
+    """An executable Python script that stands in for pbrt."""
     path = folder / name
     path.write_text(PYTHON_PROGRAM + body)
     path.chmod(0o755)
@@ -219,7 +219,7 @@ def test_a_program_is_found_by_its_file_or_folder(tmp_path, folder):
 def test_a_program_is_found_on_path_else_where_it_was_installed(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    with pytest.raises(LightdomeError, match=r"no PBRT on PATH; install one \(cargo install pbrt-r4"):
+    with pytest.raises(LightdomeError, match=r"no PBRT on PATH; install it \(cargo install pbrt-r4"):
         find_pbrt()
     installed_port().parent.mkdir(parents=True)
     port = stand_in(installed_port().parent, PORT, "pbrt-r4")
@@ -247,14 +247,14 @@ def test_a_program_is_found_on_path_else_where_it_was_installed(tmp_path, monkey
         ("import time; time.sleep(60)", "within 0.5 s"),
     ],
 )
-def test_a_program_that_is_no_known_pbrt_is_refused(tmp_path, body, message):
+def test_an_unknown_program_is_refused(tmp_path, body, message):
     with pytest.raises(LightdomeError, match=message):
         find_pbrt(stand_in(tmp_path, "import sys\n" + body), timeout=0.5 if "sleep" in body else LONG)
 
 
 @with_stand_ins
 def test_a_path_without_a_program_is_refused(tmp_path):
-    with pytest.raises(LightdomeError, match="there is no"):
+    with pytest.raises(LightdomeError, match="does not exist"):
         find_pbrt(tmp_path / "pbrt")
     with pytest.raises(LightdomeError, match="in the folder"):
         find_pbrt(tmp_path)
@@ -289,7 +289,7 @@ def test_a_run_that_fails_says_how_in_one_line(tmp_path, scene, body, message):
 
 
 @with_stand_ins
-def test_nothing_that_a_stopped_program_started_lives_on(tmp_path, scene):
+def test_nothing_that_a_stopped_program_started_survives(tmp_path, scene):
     os.mkfifo(tmp_path / "pipe")
     program = tmp_path / "wrapper"
     program.write_text(f"#!/bin/sh\n(sleep 5; echo alive) > '{tmp_path}/pipe' &\nwait\n")
@@ -298,7 +298,7 @@ def test_nothing_that_a_stopped_program_started_lives_on(tmp_path, scene):
         with pytest.raises(LightdomeError, match="was stopped"):
             render_scene(Pbrt(program, 4), scene, timeout=0.3)
         os.set_blocking(pipe.fileno(), True)
-        assert pipe.read() == ""  # ends as soon as nothing lives that could write into it
+        assert pipe.read() == ""  # ends once no process that could write to it is alive
 
 
 COPY = ANSWER + "import shutil; shutil.copy(IMAGE, sys.argv[sys.argv.index('--outfile') + 1])\n"
@@ -335,7 +335,7 @@ def test_part_4_with_pbrt_needs_no_opencl(tmp_path, script):
         f"sphere_{n}spp.{suffix}" for n in (3, 4) for suffix in ("pfm", "ppm", "png")
     }
     assert "4 spp: used: the sampler zsobol; 4 is a power of two" in result.stdout
-    assert "3 spp: used: the sampler halton; 3 is no power of two" in result.stdout
+    assert "3 spp: used: the sampler halton; 3 is not a power of two" in result.stdout
     for spp in (3, 4):
         assert f"{spp} spp: skipped: OpenCL kernels; PBRT-v4 ({program}) rendered" in result.stdout
         assert f"{spp} spp: skipped: scaling of the map" in result.stdout
@@ -400,7 +400,7 @@ def exact(radiance: np.ndarray, resolution: int) -> np.ndarray:
 
 
 @pytest.mark.peer
-def test_the_real_pbrt_draws_our_image_the_right_way_up(tmp_path, program):
+def test_the_real_pbrt_renders_our_image_the_right_way_up(tmp_path, program):
     radiance = np.full((32, 64, 3), 0.2, np.float32)
     radiance[5:9, 10:14] = (40, 10, 4)  # above, to the right, before the sphere
     radiance[20:22, 24:26] = (1, 8, 30)  # below, to the left
@@ -442,7 +442,7 @@ def test_the_real_pbrt_without_its_map_leaves_no_image(tmp_path, program, kept):
 def test_an_error_counts_though_the_program_ends_well(tmp_path, scene, line):
     write_image(tmp_path / "image.exr", np.ones((9, 9, 3), np.float32))
     body = COPY.replace("IMAGE", repr(str(tmp_path / "image.exr")))
-    chatter = "print(9000 * 'hello\\n', flush=True)\n"  # more than is kept, on both sides
+    chatter = "print(9000 * 'hello\\n', flush=True)\n"  # more than is kept, before and after
     program = Pbrt(stand_in(tmp_path, chatter + f"print({line!r})\n" + chatter + body), 4)
     with pytest.raises(LightdomeError, match="exited with status 0 but reported an error: ") as caught:
         render_scene(program, scene)
@@ -485,14 +485,14 @@ def test_rs_pbrt_is_refused_wherever_it_is_found(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("value", [0.01, 0.02, 1.0])
 def test_the_first_byte_of_a_map_is_no_white_space(tmp_path, value):
-    """0.01 and 0.02 begin with a line feed, which pbrt-r3 takes for a part of the header."""
+    """0.01 and 0.02 begin with a line feed, which pbrt-r3 takes for part of the header."""
     write_scenes(tmp_path, EnvironmentMap(np.full((4, 8, 3), value)), [1], 9, versions=[3])
     values = (tmp_path / "map_v3_latlong.pfm").read_bytes().split(b"\n", 3)[3]
     assert values[:1].strip() == values[:1]
     np.testing.assert_allclose(np.frombuffer(values, "<f4"), value, rtol=1e-6)
 
 
-# The bars of PBRT, of a port, which draws it on a terminal only, and none.
+# The bar of PBRT, that of a port, which draws it only on a terminal, and none.
 BARS = {
     "PBRT": "    print('Rendering: [%s]' % ('+' * i).ljust(9), flush=True)\n",
     "port": "    if sys.stdout.isatty(): print(f\"\\r\\x1b[1mx.exr: [\\x1b[36m{'█' * i:9}\\x1b[0m]\", end='')\n",
@@ -522,7 +522,7 @@ def test_a_render_whose_bar_moves_goes_on(tmp_path, scene, bar):
 
 @with_stand_ins
 def test_a_closed_terminal_ends_pbrt_too(tmp_path):
-    """SIGHUP, for which nothing else would stop a program in a session of its own."""
+    """By SIGHUP, since nothing else would stop a program in its own session."""
     os.mkfifo(tmp_path / "pipe")
     hangs = ANSWER + f"import time\nwith open({str(tmp_path / 'pipe')!r}, 'w') as pipe:\n    time.sleep(60)\n"
     write_image(tmp_path / "map.exr", np.ones((4, 8, 3), np.float32))
@@ -534,12 +534,12 @@ def test_a_closed_terminal_ends_pbrt_too(tmp_path):
     with (tmp_path / "pipe").open() as pipe:  # opens once the program runs
         process.send_signal(signal.SIGHUP)
         assert process.wait(LONG) == 128 + signal.SIGHUP
-        assert pipe.read() == ""  # ends once it does not run any more
+        assert pipe.read() == ""  # ends once the program no longer runs
     assert list(temporary.iterdir()) == []
 
 
 @pytest.mark.parametrize("resolution", [9, 31, 255])
-def test_an_image_of_another_scene_is_told(device, stiff, resolution):
+def test_an_image_of_another_scene_is_reported(device, stiff, resolution):
     image = exact_image(device, stiff, resolution).astype(np.float64)
     noisy = image * np.random.default_rng(1).lognormal(-0.02, 0.2, image.shape)
     assert deviation(noisy, stiff) is None
@@ -551,14 +551,14 @@ def test_an_image_of_another_scene_is_told(device, stiff, resolution):
         2 * noisy,
         *((noisy[::-1], noisy[:, ::-1], noisy[..., ::-1]) if resolution > 9 else ()),
     ):
-        assert "where the map calls for" in deviation(wrong, stiff)
-    assert deviation(np.ones((2, 2, 3)), stiff) is None  # too few pixels to know their noise
+        assert "where the map should give" in deviation(wrong, stiff)
+    assert deviation(np.ones((2, 2, 3)), stiff) is None  # too few pixels to estimate their noise
     with pytest.raises(LightdomeError, match="must have the shape"):
         deviation(noisy[1:], stiff)
 
 
 @with_stand_ins
-def test_part_4_tells_of_a_wrong_image_and_of_no_cargo(tmp_path, script):
+def test_part_4_reports_a_wrong_image_and_a_missing_cargo(tmp_path, script):
     write_image(tmp_path / "image.exr", np.full((33, 33, 3), 3, np.float32))
     program = stand_in(tmp_path, COPY.replace("IMAGE", repr(str(tmp_path / "image.exr"))))
     write_image(tmp_path / "map.exr", np.ones((4, 8, 3), np.float32))
@@ -572,7 +572,7 @@ def test_part_4_tells_of_a_wrong_image_and_of_no_cargo(tmp_path, script):
 
 @with_stand_ins
 def test_get_pbrt_has_cargo_install_the_port_where_part_4_finds_it(tmp_path, script):
-    """Cargo fails the first time, then installs in the place of an older one; the third time nothing is left to do."""
+    """Cargo fails the first time, then replaces an older version; the third time there is nothing to do."""
     body = f"""import sys, pathlib
 print("compiling", file=sys.stderr)
 folder = pathlib.Path(sys.argv[sys.argv.index("--root") + 1], "bin")
@@ -593,4 +593,4 @@ port.chmod(0o755)
     assert done.returncode == 0, done.stderr
     assert f"installed pbrt-r4 4.5.2: {tmp_path / 'cache'}" in done.stdout
     (tmp_path / "cargo").unlink()
-    assert "pbrt-r4 4.5.2 is there" in script("get_pbrt", **found).stdout
+    assert "pbrt-r4 4.5.2 is already installed" in script("get_pbrt", **found).stdout

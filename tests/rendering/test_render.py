@@ -19,7 +19,7 @@ from lightdome.rendering.per_pixel import ESTIMATORS, SEQUENCES, render
 from lightdome.sampling.distribution import Distribution, build_distribution
 
 R = 24
-CENTRES = ("light", "product")  # see the pixels of the map as directions, the others as areas
+CENTRES = ("light", "product")  # treat the map's pixels as directions; the others treat them as areas
 assert {e for e, facts in ESTIMATORS.items() if facts.pixels == "centres"} == set(CENTRES)
 ALL = [
     *({"estimator": e} for e in ESTIMATORS),
@@ -39,7 +39,7 @@ def exact(radiance: np.ndarray, resolution: int = R, areas: bool = False) -> np.
 
 
 def seen_as(options: dict[str, object]) -> str:
-    """What an estimator takes the map's pixels for."""
+    """How an estimator treats the map's pixels."""
     return "areas" if options.get("within") == "pixel" else ESTIMATORS[str(options["estimator"])].pixels
 
 
@@ -55,7 +55,7 @@ def distribution(device: Device) -> Distribution:
 
 @pytest.fixture(scope="module")
 def small(device: Device) -> Distribution:
-    """Few and large pixels, none alike: a wrong sign, swapped axes or half a pixel change the image."""
+    """Few, large and different pixels: a wrong sign, swapped axes or half a pixel change the image."""
     rng = np.random.default_rng(3)
     radiance = np.exp(rng.normal(0, 1, (7, 10, 3))).astype(np.float32)
     radiance[2, 3:5] = radiance[4] = 0
@@ -86,7 +86,7 @@ def test_the_mean_over_seeds_meets_the_exact_image(
 ) -> None:
     images = np.stack([one(small, 32, seed=seed, sequence=sequence, **options) for seed in range(100)])
     z = z_scores(images, limit(small.envmap.radiance, options))
-    # Pixels and channels are hundreds of tests, but for the three channels of a pixel independent ones.
+    # Pixels and channels make hundreds of tests, independent except within the three channels of a pixel.
     assert abs(z.mean()) < 0.15
     assert 0.85 < z.std() < 1.15
     assert np.abs(z).max() < 6
@@ -102,7 +102,7 @@ def test_under_one_lamp_each_estimator_meets_its_own_exact_image_and_not_the_oth
     distribution = build_distribution(device, envmap)
     image = one(distribution, 2**14, sequence="sobol", **options)
     off = {pixels: np.abs(image - exact_image(device, envmap, R, pixels=pixels)).max() for pixels in PIXELS}
-    # Few of `bsdf`'s directions find the lamp.
+    # Few of `bsdf`'s directions hit the lamp.
     assert off.pop(seen_as(options)) < (0.02 if options["estimator"] == "bsdf" else 0.006) * image.max()
     assert off.popitem()[1] > 0.04 * image.max()
 
@@ -144,7 +144,7 @@ def test_where_directions_lie_by_default(small: Distribution, estimator: str) ->
 
 @pytest.mark.parametrize("options", ALL, ids=NAMES)
 def test_the_sum_over_many_samples_meets_the_exact_image(small: Distribution, options: dict[str, object]) -> None:
-    # 2^15 Sobol points a pixel: what is left is bias, if there is any.
+    # 2^15 Sobol points per pixel, so any remaining error is bias.
     image = one(small, 2**15, 9, sequence="sobol", **options)
     expected = limit(small.envmap.radiance, options, 9)
     assert reference.relative_rmse(image, expected) < (0.005 if options["estimator"] == "bsdf" else 0.001)
@@ -173,10 +173,10 @@ def test_the_error_falls_as_one_over_the_root_of_spp(small: Distribution, option
 
 @pytest.mark.parametrize("sequence", ["sobol", "lattice"])
 @pytest.mark.parametrize("shape", [(1, 16), (16, 1)])
-def test_sixteen_points_on_end_have_one_in_each_part_of_an_axis(
+def test_sixteen_consecutive_points_have_one_in_each_part_of_an_axis(
     device: Device, sequence: str, shape: tuple[int, int]
 ) -> None:
-    # As many parts as the map has pixels, all equally likely: no noise is left.
+    # There are as many parts as equally likely pixels, so no noise is left.
     light = np.random.default_rng(5).dirichlet([1, 1, 1], shape) / np.sin(reference.angles(*shape)[0])[..., None]
     distribution = build_distribution(device, EnvironmentMap(light))
     expected = exact(distribution.envmap.radiance, R)
@@ -185,10 +185,10 @@ def test_sixteen_points_on_end_have_one_in_each_part_of_an_axis(
 
 
 @pytest.mark.slow
-# But for the last, whose noise is that within single pixels here: these are more than the points.
+# Except for the last, whose noise here is that within single pixels, of which there are more than points.
 @pytest.mark.parametrize("options", ALL[:-1], ids=NAMES[:-1])
 @pytest.mark.parametrize("better", ["sobol", "lattice"])
-def test_with_better_points_it_falls_faster(device: Device, options: dict[str, object], better: str) -> None:
+def test_with_better_points_the_error_falls_faster(device: Device, options: dict[str, object], better: str) -> None:
     theta, phi = reference.angles(32, 64)
     smooth = np.stack([2 + np.cos(theta), 2 + np.sin(theta) * np.cos(phi), 2 + np.sin(theta) * np.sin(phi)], axis=2)
     distribution = build_distribution(device, EnvironmentMap(smooth))
@@ -215,7 +215,7 @@ def test_mis_is_not_much_worse_than_the_better_of_both(device: Device, distribut
     light, bsdf, mis = errors(distribution)
     assert mis < 1.05 * light < bsdf
     light, bsdf, mis = errors(build_distribution(device, EnvironmentMap(np.ones((16, 32, 3)))))
-    assert bsdf < 1e-5  # the cosine is all that there is to sample
+    assert bsdf < 1e-5  # the cosine is all there is to sample
     assert mis < 0.6 * light
 
 
@@ -254,7 +254,7 @@ def test_pixels_that_see_no_light_are_black(device: Device, resolution: int, lit
 
 @pytest.mark.slow
 def test_cells_and_tiles_of_many_pixels_leave_nothing_out(device: Device) -> None:
-    # A band of light, so that many normals see only a part of a cell; cells are 5 x 4 pixels, tiles 4 x 4.
+    # A band of light, so that many normals see only part of a cell. Cells are 5 x 4 pixels, tiles 4 x 4.
     radiance = np.full((100, 300, 3), 1e-6, np.float32)
     radiance[48:60] = np.random.default_rng(2).random((12, 300, 1))
     radiance[:, 90:] *= 1e-3
@@ -262,7 +262,7 @@ def test_cells_and_tiles_of_many_pixels_leave_nothing_out(device: Device) -> Non
     image, expected = one(distribution, 1024, 99, estimator="product", sequence="sobol"), exact(radiance, 99)
     mask = disc_mask(99)
     relative = image[mask] / expected[mask] - 1
-    # With half the reach of cells and tiles the first is 0.0010, with a quarter the second is 2e-4.
+    # With half the reach of cells and tiles, the first is 0.0010; with a quarter, the second is 2e-4.
     assert np.abs(relative).mean() < 0.0009
     assert abs(relative.mean()) < 1e-4
 
@@ -303,7 +303,7 @@ def test_the_scale_of_the_map_scales_the_image(
 
 def test_next_to_a_pixel_that_outshines_all(device: Device, small: Distribution) -> None:
     radiance = small.envmap.radiance.copy()
-    radiance[1, 2] = 1e12  # towards +x +z, seen by most normals
+    radiance[1, 2] = 1e12  # towards +x +z, visible from most normals
     distribution = build_distribution(device, EnvironmentMap(radiance))
     for options in ALL:
         image = one(distribution, 256, sequence="sobol", **options)
@@ -311,7 +311,7 @@ def test_next_to_a_pixel_that_outshines_all(device: Device, small: Distribution)
         if options["estimator"] != "bsdf":
             expected = limit(radiance, options)
             assert reference.relative_rmse(image, expected) < 0.05
-    # The product's normals that cannot see it have no more noise than without it.
+    # Where the bright pixel is not visible, the product has no more noise than without it.
     expected = exact(radiance)
     dark = disc_mask(R) & (expected[..., 1] < 1e3)
     assert dark.sum() > 10
@@ -326,7 +326,7 @@ def test_more_samples_continue_fewer(distribution: Distribution) -> None:
 
 
 def chance_of_correlation(a: np.ndarray, b: np.ndarray) -> float:
-    """The mean of n r^2 over pixels, r the correlation of n values each (n, M): 1 by chance, less if most are equal."""
+    """Mean of n r^2 over pixels, with r the correlation of n values (n, M): 1 by chance, less if most are equal."""
     a, b = (v - v.mean(axis=0) for v in (a, b))
     varies = (a.any(axis=0)) & (b.any(axis=0))
     a, b = a[:, varies], b[:, varies]
@@ -338,7 +338,7 @@ def chance_of_correlation(a: np.ndarray, b: np.ndarray) -> float:
 def test_pixels_are_independent_of_each_other_and_of_the_seed(
     device: Device, options: dict[str, object], sequence: str
 ) -> None:
-    # Cells of several pixels: else the product would have no noise.
+    # Cells of several pixels, or the product would have no noise.
     radiance = np.exp(np.random.default_rng(6).normal(0, 1, (70, 131, 3))).astype(np.float32)
     distribution = build_distribution(device, EnvironmentMap(radiance))
     images = np.stack([one(distribution, 1, seed=s, sequence=sequence, **options) for s in range(65)]).sum(axis=3)
@@ -388,7 +388,7 @@ def test_the_two_samples_of_mis_are_independent(device: Device, sequence: str) -
     # Two lamps, drawn as the light is, are red. The rest, so dim that the cosine's samples alone see it, is blue.
     radiance = np.zeros((16, 32, 3), np.float32)
     radiance[:8, :, 2] = 1e-3
-    radiance[7, 4] = radiance[9, 25] = 1e3, 0, 0  # at the side of the camera and behind the sphere
+    radiance[7, 4] = radiance[9, 25] = 1e3, 0, 0  # on the camera's side and behind the sphere
     distribution = build_distribution(device, EnvironmentMap(radiance))
     images = np.stack([one(distribution, 1, seed=s, sequence=sequence, estimator="mis") for s in range(64)])
     red, blue = np.moveaxis(images[:, disc_mask(R)][..., [0, 2]], 2, 0)

@@ -128,7 +128,7 @@ def test_every_edge_of_a_cdf_is_exact(device: Device) -> None:
 
 
 def test_the_same_seed_gives_the_same_samples_everywhere(device: Device) -> None:
-    # Recorded once. A device, a version or a change that draws others breaks every user's files.
+    # Recorded once. A device, version or change that draws other samples breaks every user's files.
     y, x, c = np.mgrid[0:64, 0:128, 0:3]
     envmap = EnvironmentMap(((x * 7 + y * 13 + c * 5) % 31).astype(np.float32))
     samples = build_distribution(device, envmap).sample(6, seed=0x123456789ABCDEF)
@@ -186,7 +186,7 @@ def test_a_bright_pixel_does_not_spoil_its_neighbours(device: Device) -> None:
 
 
 def too_few(distribution: Distribution) -> int:
-    """How many samples at most are drawn without guide tables; more are drawn with them."""
+    """The most samples that are drawn without guide tables."""
     of_map = distribution.map
     count = math.ceil(of_map.width * of_map.height / 8) - 1
     assert is_guided(count + 1, of_map)
@@ -214,7 +214,7 @@ def test_guided_searches_end_where_plain_ones_do(device: Device, shape: tuple[in
 
 def test_a_point_on_a_step_within_a_bucket_finds_the_next_pixel(device: Device) -> None:
     radiance = np.ones((1, 64, 3), np.float32)
-    radiance[0, ::2] = 3  # steps at whole 128ths, every other one in the middle of a guide's bucket
+    radiance[0, ::2] = 3  # steps at whole 128ths, every other step in the middle of a bucket of the guide table
     edges = np.cumsum(radiance[0, :, 0], dtype=np.float64)[:-1] / 128
     points = np.stack([np.concatenate([edges, edges - 2.0**-32]), np.zeros(126)], axis=1)
     envmap = EnvironmentMap(radiance)
@@ -250,7 +250,7 @@ def test_maps_wider_than_16_bits_are_guided_too(device: Device) -> None:
     np.testing.assert_array_equal(distribution.sample(few + 1).pixel[:few], distribution.sample(few).pixel)
 
 
-def test_mistakes_are_told(device: Device, stiff: EnvironmentMap) -> None:
+def test_mistakes_are_reported(device: Device, stiff: EnvironmentMap) -> None:
     distribution = build_distribution(device, stiff)
     with pytest.raises(LightdomeError, match="got 0"):
         distribution.sample(0)
@@ -286,7 +286,7 @@ def test_samples_know_what_drew_them(device: Device, stiff: EnvironmentMap) -> N
 
 @pytest.mark.parametrize("shape", [(1, 7), (37, 61), (499, 17), (17, 3001)])
 def test_the_flux_keeps_what_lies_far_below_the_total(device: Device, shape: tuple[int, int]) -> None:
-    # In whole numbers of one row's light: what it should be is exact, and a sun is 2^33 of the least.
+    # In integers of one row's light, so that the expected value is exact; a sun is 2^33 times the least.
     rng = np.random.default_rng(shape[1])
     radiance = np.ldexp(rng.integers(1, 8, (*shape, 3)), rng.integers(-30, 0, (*shape, 1))).astype(np.float32)
     radiance[shape[0] // 2, 3] = 8

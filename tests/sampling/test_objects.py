@@ -1,4 +1,4 @@
-"""What Python does with maps, samples, lights and harmonics: index, iterate, compare, print, show."""
+"""Maps, samples, lights and harmonics in Python: index, iterate, compare, print, show."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_a_part_of_samples_is_samples(samples: Samples, tmp_path: Path) -> None:
     for name in ("direction", "radiance", "probability", "pixel"):
         np.testing.assert_array_equal(getattr(part, name), getattr(samples, name)[10:30:2])
         assert not getattr(part, name).flags.writeable
-    # Each stands for more light, as there are fewer.
+    # Each stands for more light, since there are fewer.
     np.testing.assert_allclose(part.flux, samples.flux[10:30:2] * (50 / 10), rtol=1e-12)
     part.save(tmp_path / "part.npz")
     assert Samples.load(tmp_path / "part.npz") == part
@@ -57,7 +57,7 @@ def test_samples_and_lights_are_sequences_of_single_ones(samples: Samples) -> No
     assert [light.flux.tolist() for light in lights] == lights.flux.tolist()
     np.testing.assert_array_equal(lights[2].direction, samples.direction[2])
     part = lights[5:8]
-    np.testing.assert_array_equal(part.flux, lights.flux[5:8])  # whatever the others are
+    np.testing.assert_array_equal(part.flux, lights.flux[5:8])  # whatever the other lights are
     assert not part.flux.flags.writeable
     assert len(lights[:0]) == 0
 
@@ -72,7 +72,7 @@ def test_what_has_the_same_content_is_equal(samples: Samples, stiff: Environment
         (Lights(lights.direction, lights.flux), lights, Lights(lights.direction, 2 * lights.flux)),
         (Harmonics(harmonics.coefficients), harmonics, harmonics.truncated(0)),
     )
-    assert stiff.is_grey is False  # which the map keeps: not of its content
+    assert stiff.is_grey is False  # cached by the map, not part of its content
     for one, same, another in equal:
         assert one == same
         assert one != another
@@ -117,7 +117,9 @@ def test_a_notebook_shows_maps_and_images_tone_mapped(
     x, y = samples.pixel.T
     assert (marked[y, x] == (0, 0, 255)).all()
     assert (expected[y, x] != (0, 0, 255)).any()
-    with pytest.raises(LightdomeError, match="inside the image"):
+    outline = (marked != expected).any(axis=2) & (marked != (0, 0, 255)).any(axis=2)
+    assert (marked[outline] == 255).all()
+    with pytest.raises(LightdomeError, match="inside the 43 x 3 image"):
         lightdome.show(stiff.radiance[:3], samples.pixel)
 
 

@@ -1,4 +1,4 @@
-"""The .npz interface: what is saved is loaded, and nothing else is."""
+"""The .npz interface: saved samples load, and nothing else does."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def saved(samples: Samples, tmp_path: Path) -> Path:
     return tmp_path / "samples.npz"
 
 
-def test_what_is_saved_is_loaded(samples: Samples, saved: Path) -> None:
+def test_saved_samples_load_unchanged(samples: Samples, saved: Path) -> None:
     loaded = Samples.load(saved)
     for name in ("direction", "radiance", "probability", "pixel"):
         array = getattr(loaded, name)
@@ -66,7 +66,7 @@ def test_damaged_bytes_are_refused_unless_the_arrays_are_whole(samples: Samples,
             loaded = Samples.load(saved)
         except LightdomeError as error:
             refused.append(str(error))
-        else:  # a byte that nothing needs, such as a date
+        else:  # an unused byte, such as a date's
             assert len(broken) == len(content)
             for name, value in vars(samples).items():
                 np.testing.assert_array_equal(getattr(loaded, name), value)
@@ -96,7 +96,7 @@ def rewrite(path: Path, **changes: Any) -> None:
         ({"pixel": np.full((50, 2), -1, np.int32)}, "outside the map"),
         ({"map_shape": np.array([0, 0])}, "map_shape must be"),
         ({"map_shape": np.array([2**40, 2**40])}, "map_shape must be"),
-        ({"map_shape": np.ones(10**6, np.int8)}, "wrong type or shape"),  # not looked through one by one
+        ({"map_shape": np.ones(10**6, np.int8)}, "wrong type or shape"),  # not checked one by one
         ({"map_shape": np.array([21, 44])}, "not that of its pixel"),
         ({"sequence": np.array(3)}, "wrong type"),
     ],
@@ -110,7 +110,7 @@ def test_arrays_that_contradict_each_other_are_refused(saved: Path, changes: dic
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, -1.0])
 @pytest.mark.parametrize("at", [0, 49])
 @pytest.mark.parametrize("name", ["direction", "radiance", "probability"])
-def test_one_value_that_is_no_light_is_refused(samples: Samples, saved: Path, name: str, at: int, value: float) -> None:
+def test_a_single_impossible_value_is_refused(samples: Samples, saved: Path, name: str, at: int, value: float) -> None:
     if name == "direction" and value == -1:
         value = -1.5
     for channel in range(3 if name != "probability" else 1):
@@ -160,7 +160,7 @@ def test_a_header_that_lies_about_the_size_costs_no_memory(saved: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["missing.npz", "folder.npz", "text.npz", "empty.npz", "single.npz"])
-def test_what_is_no_file_of_samples_is_refused(tmp_path: Path, name: str) -> None:
+def test_files_other_than_samples_are_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / "folder.npz").mkdir()
     (tmp_path / "text.npz").write_text("no samples")
     (tmp_path / "empty.npz").touch()

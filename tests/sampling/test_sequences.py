@@ -1,4 +1,4 @@
-"""Every sequence is uniform, and as well spread as it claims."""
+"""Every sequence is uniform, and as evenly spread as it claims."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ N = 64
 
 @pytest.fixture(scope="module")
 def square(device: Device) -> Distribution:
-    """A map whose pixels are all as likely: the pixel of a sample shows its point, to 1 / 64."""
+    """A map with equally likely pixels, so that a sample's pixel shows its point, to 1 / 64."""
     theta, _ = reference.angles(N, N)
     return build_distribution(device, EnvironmentMap(np.repeat(1 / np.sin(theta)[..., None], 3, axis=2)))
 
 
 def cells(distribution: Distribution, count: int, sequence: str, seed: int, columns: int, rows: int) -> np.ndarray:
-    """How many of the samples lie in each of columns x rows cells of equal area."""
+    """The number of samples in each of columns x rows cells of equal area."""
     x, y = distribution.sample(count, seed, sequence).pixel.T
     return np.bincount(y * rows // N * columns + x * columns // N, minlength=columns * rows)
 
@@ -38,7 +38,7 @@ WHOLE = ((0, 1), (0, 1))
 @pytest.mark.parametrize("sequence", SEQUENCES)
 def test_every_point_is_uniform_over_the_seeds(square: Distribution, sequence: str) -> None:
     pixel = np.array([square.sample(5, seed, sequence).pixel[[0, 4]] for seed in range(800)])
-    # Where the first and the last of five points may lie, across and down: stratified has strips of three and two.
+    # Where the first and last of five points may lie, across and down; stratified has strips of three and two.
     cells_of = [((0, 1 / 3), (0, 3 / 5)), ((1 / 2, 1), (3 / 5, 1))] if sequence == "stratified" else [WHOLE, WHOLE]
     edges = np.arange(9) / 8
     for point, cell in enumerate(cells_of):
@@ -59,7 +59,7 @@ def test_sobol_is_a_net_in_every_prefix_of_a_power_of_two(square: Distribution, 
 
 
 def test_sobol_scrambles_are_owens_not_shifts(square: Distribution) -> None:
-    # An exclusive-or or a shift of the whole axis keeps the distances between points; Owen's trees do not.
+    # An exclusive-or, or a shift of a whole axis, keeps the distances between points; Owen scrambling does not.
     distances = set()
     for seed in range(8):
         pixel = square.sample(64, seed, "sobol").pixel
@@ -115,7 +115,7 @@ def test_the_figure_of_merit_is_the_least_product_of_dual_frequencies(n: int) ->
 def test_a_lattice_of_many_points_has_a_good_generator(n: int) -> None:
     assert math.gcd(generator(n), n) == 1
     assert 1 < generator(n) < n
-    assert figure_of_merit(n, np.array([generator(n)])) > n / 8  # the best there is has up to 0.38 n
+    assert figure_of_merit(n, np.array([generator(n)])) > n / 8  # the best generator has up to 0.38 n
 
 
 @pytest.mark.slow

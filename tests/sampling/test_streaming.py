@@ -1,4 +1,4 @@
-"""Samples of a map that stays in its file are those of the map in memory, to the last bit."""
+"""Samples of a map left in its file are those of the map in memory, to the last bit."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def test_rows_that_are_not_asked_for_are_not_read(tmp_path: Path, name: str, dam
     path = tmp_path / name
     content = FILES[name]
     path.write_bytes(content)
-    rows = np.array([0, 3, 15, 36] if damaged == 20 else [0, 3, 31])  # of other packs than the damaged one
+    rows = np.array([0, 3, 15, 36] if damaged == 20 else [0, 3, 31])  # from packs other than the damaged one
     expected = read_image(path)[rows]
     at = len(content) * damaged // 37
     path.write_bytes(content[:at] + bytes(300) + content[at + 300 :])
@@ -147,7 +147,7 @@ def test_samples_are_those_of_the_map_in_memory(device: Device, tmp_path: Path, 
     else:
         write_image(path, stiff_radiance(21, 43))
     distribution = build_distribution(device, EnvironmentMap.read(path))
-    counts = [1, 2000, 7]  # many a pixel, so that searches are guided, and few
+    counts = [1, 2000, 7]  # many per pixel, so that searches are guided, and few
     for sequence in SEQUENCES:
         sets = sample_file(device, ImageRows(path, batch), counts, 2**40 + 1, sequence)
         for count, samples in zip(counts, sets, strict=True):
@@ -172,7 +172,7 @@ def test_bad_pixels_are_refused_with_the_words_for_the_map_in_memory(device: Dev
     radiance[4, 8, 2] = np.inf
     radiance[5, 2, 1] = np.nan
     radiance[19, 1] = np.nan, -1, 3
-    path = tmp_path / "bad.pfm"  # bottom up: the first is not the one that is read first
+    path = tmp_path / "bad.pfm"  # bottom up: the first bad pixel is not the first one read
     write_image(path, radiance)
     with pytest.raises(LightdomeError) as expected:
         EnvironmentMap.read(path)
@@ -249,7 +249,7 @@ def test_a_file_is_read_twice_however_many_sets_are_drawn(device: Device, tmp_pa
 
 
 def sparse_pfm(path: Path, height: int, width: int) -> Path:
-    """A map that is black but for two pixels, and takes next to no room on the disk."""
+    """A map that is black except for two pixels, and takes almost no space on the disk."""
     head = b"PF\n%d %d\n-1.0\n" % (width, height)
     with path.open("wb") as file:
         file.write(head)
@@ -264,7 +264,7 @@ def sparse_pfm(path: Path, height: int, width: int) -> Path:
 @pytest.mark.skipif(not hasattr(os, "wait4"), reason="needs the peak memory of a process")
 def test_memory_is_for_bands_and_not_for_the_map(tmp_path: Path) -> None:
     path = sparse_pfm(tmp_path / "large.pfm", 4096, 8192)  # 384 MiB
-    # A process is charged with the peak of the one that started it, so a small one does.
+    # A process inherits the peak of its parent, so a small process starts it.
     small = (
         "import resource, subprocess, sys\n"
         "subprocess.run(sys.argv[1:], check=True, stdout=subprocess.DEVNULL)\n"
@@ -272,11 +272,11 @@ def test_memory_is_for_bands_and_not_for_the_map(tmp_path: Path) -> None:
     )
 
     def peak(*arguments: str | Path) -> float:
-        """MiB."""
+        """Peak memory in MiB."""
         command = command_line("part2_sample", "--samples-only", *arguments)
         return int(subprocess.check_output([sys.executable, "-c", small, *command], text=True)) / 1024
 
-    tiny = peak("--map", sparse_pfm(tmp_path / "tiny.pfm", 8, 16), "--out", tmp_path)  # Python and an OpenCL
+    tiny = peak("--map", sparse_pfm(tmp_path / "tiny.pfm", 8, 16), "--out", tmp_path)  # Python and OpenCL alone
     assert peak("--map", path, "--out", tmp_path) < tiny + 250
     samples = Samples.load(tmp_path / "samples_1024.npz")
     assert {(2, 1), (8191, 4093)} >= set(map(tuple, samples.pixel.tolist()))
@@ -307,7 +307,7 @@ def test_a_map_that_is_too_large_is_refused_with_the_option_that_helps(script: S
 
 @pytest.mark.slow
 def test_points_on_the_steps_between_rows_find_the_rows_of_the_map_in_memory(device: Device, tmp_path: Path) -> None:
-    # So many rows and samples that some dozen points lie on a step exactly.
+    # Enough rows and samples that a few dozen points lie exactly on a step.
     write_image(tmp_path / "map.pfm", np.ones((2**16, 1, 3), np.float32))
     image = ImageRows(tmp_path / "map.pfm")
     (samples,) = sample_file(device, image, [2**20], 3)

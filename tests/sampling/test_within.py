@@ -1,4 +1,4 @@
-"""Directions anywhere in their pixels: evenly over the solid angle, never outside, and the density that follows."""
+"""Directions anywhere in their pixels: uniform in solid angle, never outside, and with the matching density."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ def made(device: Device, height: int, width: int, seed: int = 1) -> Distribution
 
 
 def places(direction: np.ndarray, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """Where directions lie, in columns and in rows from the map's corner, float64."""
+    """The places of directions, in columns and rows from the map's corner, float64."""
     w_x, w_y, w_z = np.asarray(direction, np.float64).T
     theta, phi = np.arctan2(np.hypot(w_x, w_z), w_y), np.arctan2(w_z, w_x) % (2 * np.pi)
     return phi * width / (2 * np.pi), theta * height / np.pi
 
 
 def solid_shares(down: np.ndarray, height: int) -> np.ndarray:
-    """Which share of its row's solid angle lies above each place, from its upper border on."""
+    """The share of a row's solid angle that lies above each place in it."""
     row = np.floor(down)
     top, at, bottom = (np.cos(np.pi * y / height) for y in (row, down, row + 1))
     return (top - at) / (top - bottom)
@@ -70,8 +70,8 @@ def test_the_pixels_are_those_of_centres(device: Device, stiff: EnvironmentMap) 
 @pytest.mark.parametrize("sequence", ["independent", "stratified", "sobol", "lattice"])
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (8, 16), (16, 8)])
 def test_parts_of_pixels_pass_chi_square(device: Device, shape: tuple[int, int], sequence: str) -> None:
-    # Seven by five parts of equal solid angle in each pixel. Well spread points are better than chance. The lattice r2
-    # is worse in narrow parts, by itself.
+    # Seven by five parts of equal solid angle in each pixel. Well-spread points do better than chance, except that the
+    # lattice r2 is worse in narrow parts.
     distribution = made(device, *shape)
     samples = distribution.sample(400_000, 7, sequence, within="pixel")
     across, down = places(samples.direction, *shape)
@@ -93,7 +93,7 @@ def test_rows_are_even_in_cosine_and_not_in_the_angle(device: Device) -> None:
 
 
 def test_a_pixel_that_few_points_pick_is_filled_evenly(device: Device) -> None:
-    # Next to a sun, pixels of one step of the CDF and of a few: all of their points, with even bits further down.
+    # Next to a sun, pixels with one CDF step or a few: all of their points, with uniform further bits.
     radiance = np.ones((1, 8, 3), np.float32)
     radiance[0, :, :] = np.array([0, 1, 2, 3, 5, 2.0**29, 7, 1])[:, None]
     distribution = build_distribution(device, EnvironmentMap(radiance))
@@ -128,7 +128,7 @@ def test_points_become_the_directions_of_continuous_inversion(device: Device) ->
         c = (1 - down) * np.cos(np.pi * y / 16) + down * np.cos(np.pi * (y + 1) / 16)
         phi = 2 * np.pi * (x + across) / 8
         expected.append((np.sqrt(1 - c * c) * np.cos(phi), c, np.sqrt(1 - c * c) * np.sin(phi)))
-    # A point within 2^-29 of a step of the CDF may fall on either side, and only there directions jump.
+    # A point within 2^-29 of a step of the CDF may fall on either side, and only there do directions jump.
     off = np.abs(samples.direction - expected).max(axis=1)
     assert np.mean(off < 3e-6) > 0.999
 
@@ -138,7 +138,7 @@ def test_well_spread_points_stay_so_in_a_pixel(device: Device) -> None:
     samples = distribution.sample(4096, 1, "sobol", within="pixel")
     across, down = places(samples.direction, 1, 1)
     cells = np.bincount((across * 64).astype(int) * 64 + (solid_shares(down, 1) * 64).astype(int), minlength=4096)
-    assert np.mean(cells == 1) > 0.999  # Owen's scramble: one in each of 64 x 64 cells; rounding may cross a border
+    assert np.mean(cells == 1) > 0.999  # Owen scrambling: one in each of 64 x 64 cells; rounding may cross a border
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (16, 8), (21, 43), (64, 100)])
@@ -158,7 +158,7 @@ def test_the_density_is_the_probability_over_the_solid_angle(device: Device, sha
 
 @pytest.mark.parametrize("shape", [(1, 1), (16, 8), (21, 43)])
 def test_the_density_integrates_to_one(device: Device, shape: tuple[int, int]) -> None:
-    rows, columns = 3 * shape[0], 4 * shape[1]  # all of a cell lies in one pixel
+    rows, columns = 3 * shape[0], 4 * shape[1]  # each cell lies within one pixel
     pdf = made(device, *shape).pdf(reference.directions(rows, columns).reshape(-1, 3))
     integral = (pdf.reshape(rows, columns) * reference.pixel_solid_angles(rows, columns)).sum()
     assert integral == pytest.approx(1, abs=1e-6)
@@ -169,7 +169,7 @@ def test_a_density_for_every_direction(device: Device) -> None:
     axes = np.concatenate([np.eye(3), -np.eye(3), [[1, 0, -1e-30], [1, 0, -0.0], [-1, 0, -0.0], [0.0, -1, -0.0]]])
     pdf = distribution.pdf(axes)
     density = distribution.probability_image() / reference.pixel_solid_angles(16, 8)
-    # A border belongs to the row below and to the column after it; a pole to any column.
+    # A border belongs to the row below it and the column after it; a pole belongs to any column.
     y, x = [8, 0, 8, 8, 15, 8, 8, 8, 8, 15], [0, 0, 2, 4, 4, 6, 7, 0, 4, 0]
     np.testing.assert_allclose(pdf, density[y, x], rtol=1e-6)
     assert distribution.pdf(np.empty((0, 3))).shape == (0,)
@@ -198,7 +198,7 @@ def test_a_black_map_has_no_density(device: Device) -> None:
 
 
 def lamp() -> np.ndarray:
-    """8 rows and 16 columns, dark but for one."""
+    """A map of 8 rows and 16 columns, dark except for one pixel."""
     radiance = np.full((8, 16, 3), 0.01, np.float32)
     radiance[4, 13] = (5, 4, 3)
     return radiance

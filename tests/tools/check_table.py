@@ -1,10 +1,15 @@
-"""How often ``lightdome check image`` names the mistake in an image, and how often it finds one where there is none.
+"""How often ``lightdome check`` names a mistake, and how often it raises a false alarm.
 
-    .venv/bin/python tests/tools/check_table.py [--mistakes NAME...] [--right N]
+    .venv/bin/python tests/tools/check_table.py [image] [--mistakes NAME...] [--maps N] [--right N]
+    .venv/bin/python tests/tools/check_table.py samples|pdf|lights|fresnel
 
-Each mistake of ``tests/student.py`` is made on ten maps, with ten seeds and counts of samples. Where the converged
-image of a mistake lies within what the samples leave, "agrees" is right; such images are counted apart. Then N images
-without a mistake are checked, of lightdome's sequences and estimators and of numpy's own random numbers.
+Images: each mistake in ``tests/student.py`` is made on ten maps, with ten seeds and sample counts. If the converged
+image of a mistake differs from the right one by less than the samples' noise, "agrees" is correct; such images are
+counted separately. Before that, N images without a mistake are checked, from lightdome's sequences and estimators and
+from numpy's random numbers.
+
+The other kinds: each mistake that the tests know is made on the same ten maps, or for several refractive indices. A
+mistake that does not change the result agrees; the row "none" holds correct results.
 """
 
 from __future__ import annotations
@@ -13,14 +18,21 @@ import argparse
 import sys
 import time
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "checking"))
 
 from helpers import GRACE, ROOT
+from lightdome.checking.fresnel import CAUSES_OF_CURVES, check_fresnel
 from lightdome.checking.image import ImageCheck, Reference
+from lightdome.checking.lights import check_lights
+from lightdome.checking.pdf import check_pdf
+from lightdome.checking.samples import check_samples
+from lightdome.checking.tables import TableCheck
 from lightdome.disc import disc_mask
 from lightdome.evaluation.metrics import relative_rmse
 from lightdome.lighting.exact import exact
@@ -32,12 +44,21 @@ from lightdome.opencl.device import Device, open_device
 from lightdome.rendering.per_pixel import render as render_per_pixel
 from lightdome.sampling.distribution import build_distribution
 from student import ALBEDO, MISTAKES, render
+from student_fresnel import curves
+from student_lights import cut
+from student_samples import draw
+from test_check_fresnel import DEGREES, OF_BOTH, sides
+from test_check_lights import MISTAKES as MISTAKES_OF_LIGHTS
+from test_check_lights import TURNED
+from test_check_pdf import images
+from test_check_samples import MISTAKES as MISTAKES_OF_SAMPLES
+from test_check_samples import points
 
 CONVERGED = 2**19  # samples
 
 
 def reduced(radiance: np.ndarray, height: int, width: int) -> np.ndarray:
-    """Means of blocks by solid angle."""
+    """Means over blocks of pixels, weighted by solid angle."""
     rows, columns = len(radiance) // height, radiance.shape[1] // width
     weight = solid_angles(*radiance.shape[:2])[:, None, None]
     blocks = (radiance * weight).reshape(height, rows, width, columns, 3).sum(axis=(1, 3))
@@ -46,7 +67,7 @@ def reduced(radiance: np.ndarray, height: int, width: int) -> np.ndarray:
 
 
 def lamps(height: int, width: int, *lamp: tuple[float, float, float, tuple[float, float, float]]) -> np.ndarray:
-    """A grey sky with lamps: azimuth, elevation, radius in degrees, and radiance."""
+    """A grey sky with lamps, each with its azimuth, elevation and radius in degrees, and its radiance."""
     towards = directions(row_angles(height)[:, None], column_angles(width)[None])
     radiance = np.full((height, width, 3), 0.1)
     for azimuth, elevation, radius, colour in lamp:
@@ -78,7 +99,7 @@ def maps() -> dict[str, np.ndarray]:
 
 
 def said(check: ImageCheck) -> str:
-    """The verdict as a row of the table has it."""
+    """The verdict as the table shows it."""
     if check.agrees is not False:
         return "agrees" if check.agrees else "cannot tell"
     if "; either " in check.verdict:
@@ -86,9 +107,9 @@ def said(check: ImageCheck) -> str:
     return check.verdict.removeprefix("does not agree; ").partition(":")[0]
 
 
-def tell_mistakes(device: Device, names: list[str], side: int) -> bool:
-    """Print a row for each mistake: right, of how many that show, and what was said instead."""
-    envmaps = {name: EnvironmentMap(radiance) for name, radiance in maps().items()}
+def tell_mistakes(device: Device, names: list[str], side: int, most: int) -> bool:
+    """Print a row per mistake: how often it was named, of how many images that show it, and other verdicts."""
+    envmaps = {name: EnvironmentMap(radiance) for name, radiance in list(maps().items())[:most]}
     references: dict[tuple[str, float], Reference] = {}
     good = True
     print("| mistake | named | of | does not show | said instead |\n| --- | --- | --- | --- | --- |")
@@ -120,7 +141,7 @@ def tell_mistakes(device: Device, names: list[str], side: int) -> bool:
 
 
 def tell_false_alarms(device: Device, count: int) -> bool:
-    """Print how many of ``count`` right images agree."""
+    """Print how many of ``count`` correct images agree."""
     made = maps()
     envmaps = {name: EnvironmentMap(made[name]) for name in ("default 128 x 64", "sun 64 x 32", "lamps 128 x 64")}
     references = {name: Reference(device, envmap) for name, envmap in envmaps.items()}
@@ -152,16 +173,74 @@ def tell_false_alarms(device: Device, count: int) -> bool:
     return not verdicts["false alarm"]
 
 
+def checks_of(kind: str, device: Device) -> Iterator[tuple[str, str, TableCheck]]:
+    """The mistake, where it is made, and what the check found; the mistake is "" where there is none."""
+    if kind == "fresnel":
+        for mistake in ("", *(cause.name for cause in CAUSES_OF_CURVES)):
+            for eta in (1.1, 1.33, 1.4, 1.5, 2.4):
+                for leaving in sides(mistake):
+                    found = curves(DEGREES, eta, leaving, mistake)
+                    names = list(found) if mistake in OF_BOTH else ["p", "s"] if "p" in found else ["reflectance"]
+                    values = {name: found[name] for name in names}
+                    check = check_fresnel(np.radians(DEGREES), **values, eta=eta, leaving=leaving)
+                    yield mistake, f"{eta}{', leaving' * leaving}", check
+        return
+    made = {name: EnvironmentMap(radiance) for name, radiance in maps().items()}
+    mistakes = {"samples": MISTAKES_OF_SAMPLES, "lights": [*MISTAKES_OF_LIGHTS, *TURNED], "pdf": []}[kind]
+    for seed, (name, envmap) in enumerate(made.items()):
+        if kind == "pdf":
+            for mistake, image in images(envmap.radiance).items():
+                yield mistake, name, check_pdf(envmap, image)
+        for mistake in ("", *mistakes) if mistakes else ():
+            if kind == "samples":
+                radiance = envmap.radiance.copy()
+                if mistake == "zero-weight pixels drawn":
+                    radiance[:2] = 0
+                samples = draw(radiance, points(4096, seed), mistake, within=seed % 2 == 1)
+                yield mistake, name, check_samples(EnvironmentMap(radiance), **samples)
+            else:
+                yield (
+                    mistake,
+                    name,
+                    check_lights(device, envmap, *cut(envmap.radiance, (16, 64, 256)[seed % 3], mistake)),
+                )
+
+
+def tell_kind(kind: str, device: Device) -> bool:
+    """Print a row for each mistake of another kind than images: named, of how many, and what was said instead."""
+    rows: dict[str, Counter[str]] = {}
+    for mistake, where, check in checks_of(kind, device):
+        words = "agrees" if check.agrees else check.verdict.removeprefix("does not agree; ").partition(":")[0]
+        right = check.verdict.startswith("agrees") if not mistake else mistake in check.verdict
+        rows.setdefault(mistake, Counter())[
+            "right" if right else words if words == "agrees" else f"{words} ({where})"
+        ] += 1
+    print("| mistake | named | of | agrees | said instead |\n| --- | --- | --- | --- | --- |")
+    good = True
+    for mistake, said_of in rows.items():
+        right, agrees = said_of.pop("right", 0), said_of.pop("agrees", 0)
+        shown = right + sum(said_of.values())
+        good = good and right >= 0.9 * shown
+        print(f"| {mistake or 'none'} | {right} | {shown} | {agrees} | {'; '.join(said_of)} |")
+    return good
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    kinds = ("image", "samples", "pdf", "lights", "fresnel")
+    parser.add_argument("kind", nargs="?", default="image", choices=kinds, help="image is the default")
     parser.add_argument("--mistakes", nargs="*", default=list(MISTAKES), choices=MISTAKES, metavar="NAME")
-    parser.add_argument("--right", type=int, default=200, metavar="N", help="images without a mistake")
-    parser.add_argument("--side", type=int, default=63, help="pixels of an image with a mistake")
+    parser.add_argument("--right", type=int, default=200, metavar="N", help="number of images without a mistake")
+    parser.add_argument("--side", type=int, default=63, help="width and height in pixels of an image with a mistake")
+    parser.add_argument("--maps", type=int, default=10, metavar="N", help="number of maps on which each is made")
     args = parser.parse_args()
     device = open_device()
     began = time.monotonic()
-    good = tell_false_alarms(device, args.right)
-    good = tell_mistakes(device, args.mistakes, args.side) and good
+    if args.kind == "image":
+        good = tell_false_alarms(device, args.right)
+        good = tell_mistakes(device, args.mistakes, args.side, args.maps) and good
+    else:
+        good = tell_kind(args.kind, device)
     print(f"{time.monotonic() - began:.0f} s")
     sys.exit(not good)
 

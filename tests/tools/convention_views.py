@@ -1,9 +1,9 @@
-"""What a renderer sees of a map: run by a Python that has it, and needs numpy besides.
+"""Render views of a map with another program: run by a Python that has the program, and numpy.
 
     python convention_views.py PROGRAM MAP.exr VIEWS.npy IMAGES.npy
 
-``VIEWS.npy`` is (N, 2, 3), each a view's forward and up in the program's own axes; ``IMAGES.npy`` becomes (N, S, S, 3),
-linear, row 0 at the top, of perspective cameras whose angle of view is :data:`ANGLE` across and down.
+``VIEWS.npy`` is (N, 2, 3): the forward and up vectors of each view, in the program's own axes. ``IMAGES.npy`` becomes
+(N, S, S, 3), linear, row 0 at the top, from perspective cameras with an angle of view of :data:`ANGLE` across and down.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def skylibs(path: Path, views: np.ndarray) -> np.ndarray:
 
 
 def cycles(path: Path, views: np.ndarray) -> np.ndarray:
-    """Blender: a world's environment texture and a camera, rendered by Cycles on the CPU."""
+    """Blender: a world with an environment texture, and a camera, rendered by Cycles on the CPU."""
     import bpy
     from mathutils import Matrix
 
@@ -90,7 +90,7 @@ def cycles(path: Path, views: np.ndarray) -> np.ndarray:
             bpy.ops.render.render(write_still=True)
             image = bpy.data.images.load(scene.render.filepath)
             image.colorspace_settings.name = "Non-Color"
-            images.append(np.array(image.pixels).reshape(SIZE, SIZE, 4)[::-1, :, :3])  # Blender's rows go up
+            images.append(np.array(image.pixels).reshape(SIZE, SIZE, 4)[::-1, :, :3])  # Blender's rows go bottom up
     return np.array(images)
 
 

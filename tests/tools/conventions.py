@@ -1,10 +1,10 @@
-"""Show a labelled map to the real programs: does each see it where lightdome's conventions say?
+"""Show a labelled map to real programs: does each see the labels where lightdome's conventions say?
 
     python tests/tools/conventions.py
 
-Prints, for every program that is there, how far off each of six coloured patches is seen, in degrees. The programs are
-Mitsuba, skylibs and Blender as Python packages, and PBRT. A package that this Python has not is looked for in those of
-the environment variable LIGHTDOME_PEERS, which holds their paths, separated as on PATH; LIGHTDOME_PBRT names a PBRT.
+Prints, for every available program, how far off each of six coloured patches is seen, in degrees. The programs are
+Mitsuba, skylibs and Blender, as Python packages, and PBRT. If this Python lacks a package, it is looked for in the
+Pythons listed in the environment variable LIGHTDOME_PEERS, separated as on PATH. LIGHTDOME_PBRT names a PBRT.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ PACKAGES = {"mitsuba": "mitsuba", "skylibs": "envmap", "cycles": "bpy"}
 AXES = {"+x": (1, 0, 0), "-x": (-1, 0, 0), "+y": (0, 1, 0), "-y": (0, -1, 0), "+z": (0, 0, 1), "-z": (0, 0, -1)}
 COLOURS = np.array([[1, 0, 0], [0, 1, 1], [0, 1, 0], [1, 0, 1], [0, 0, 1], [1, 1, 0]])
 RADIUS = 12.0  # degrees
-LIMIT = 600.0  # seconds for a program
+LIMIT = 600.0  # seconds allowed for a program
 # Level views see two patches each, one to the left and one to the right: a mirrored map would exchange them.
 VIEWS = np.array(
     [
@@ -66,7 +66,7 @@ Shape "sphere" "float radius" [0.01]
 
 
 def labelled_map(height: int = 64) -> EnvironmentMap:
-    """A black map with a patch of one of COLOURS round each of AXES."""
+    """A black map with a patch of one of COLOURS around each of AXES."""
     radiance = np.zeros((height, 2 * height, 3), np.float32)
     for axis, colour in zip(AXES.values(), COLOURS, strict=True):
         radiance[directions(height, 2 * height) @ axis > np.cos(np.radians(RADIUS))] = colour
@@ -84,7 +84,7 @@ def python_with(package: str) -> str | None:
 
 
 def seen_by_package(name: str, radiance: np.ndarray, views: np.ndarray) -> np.ndarray:
-    """The images (N, S, S, 3) of ``views``, in the program's own axes, of the map ``radiance`` as its file."""
+    """Images (N, S, S, 3) of ``views``, in the program's own axes; ``radiance`` is the map as the program reads it."""
     with tempfile.TemporaryDirectory() as folder:
         path, program = Path(folder) / "map.exr", Path(__file__).with_name("convention_views.py")
         write_image(path, radiance)
@@ -100,7 +100,7 @@ def seen_by_package(name: str, radiance: np.ndarray, views: np.ndarray) -> np.nd
 
 
 def seen_by_pbrt(pbrt: Pbrt, radiance: np.ndarray, views: np.ndarray) -> np.ndarray:
-    """The same by PBRT, whose version 4 gets the map as its square."""
+    """As :func:`seen_by_package`, by PBRT; version 4 is given the map as an equal-area square."""
     images = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -118,7 +118,7 @@ def seen_by_pbrt(pbrt: Pbrt, radiance: np.ndarray, views: np.ndarray) -> np.ndar
 
 
 def patches(images: np.ndarray) -> np.ndarray:
-    """Unit vectors (6, 3) to the middles of the patches in the images of VIEWS, in lightdome's axes; NaN if unseen."""
+    """Unit vectors (6, 3) to the centres of the patches in the images of VIEWS, in lightdome's axes; NaN if unseen."""
     step = np.tan(np.radians(ANGLE / 2)) * (2 * (np.arange(SIZE) + 0.5) / SIZE - 1)
     sums = np.zeros((len(COLOURS), 3))
     hue = COLOURS / COLOURS.sum(axis=1, keepdims=True)
@@ -129,7 +129,7 @@ def patches(images: np.ndarray) -> np.ndarray:
         share = image / np.maximum(light, 1e-6)[..., None]
         patch = np.linalg.norm(share[..., None, :] - hue, axis=-1).argmin(axis=-1)
         for n in range(len(COLOURS)):
-            # Each pixel by its solid angle.
+            # Weight each pixel by its solid angle.
             weight = np.where((patch == n) & (light > 0.05), light, 0) / length**3
             sums[n] += np.einsum("yx,yxc->c", weight / length, towards)
     with np.errstate(invalid="ignore"):
@@ -137,7 +137,7 @@ def patches(images: np.ndarray) -> np.ndarray:
 
 
 def differences(images: np.ndarray) -> np.ndarray:
-    """How far from its axis each patch is seen, (6,) degrees; NaN if it is not."""
+    """How far from its axis each patch is seen, (6,) degrees; NaN if it is not seen."""
     cosine = np.einsum("nc,nc->n", patches(images), np.array(list(AXES.values())))
     return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
 
@@ -148,7 +148,7 @@ def of_package(name: str) -> np.ndarray:
 
 
 def of_pbrt(pbrt: Pbrt) -> np.ndarray:
-    """:func:`differences` for a PBRT."""
+    """:func:`differences` for PBRT."""
     return differences(seen_by_pbrt(pbrt, labelled_map().to_convention("pbrt").radiance, to_axes(VIEWS, "pbrt")))
 
 

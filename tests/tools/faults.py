@@ -1,7 +1,7 @@
-"""Small faults that somebody might make, for mutate.py: each must be noticed by a test.
+"""Small faults that somebody might introduce, for mutate.py: a test must notice each of them.
 
-A fault names its file without a folder and the text that it replaces, which is there once. ``tests`` are those that
-may notice it, files or single tests, the quickest first; without any, those of :data:`TESTS`. Where nobody could see
+A fault names its file, without a folder, and the text that it replaces, which must occur exactly once. ``tests`` lists
+the files or single tests that may notice it, the quickest first; by default those of :data:`TESTS`. If nobody could see
 the difference, ``equivalent`` says why.
 """
 
@@ -13,7 +13,7 @@ from functools import partial
 
 @dataclass(frozen=True)
 class Fault:
-    """``text`` in ``file`` becomes ``replacement``; ``why`` is what somebody may have thought."""
+    """``text`` in ``file`` becomes ``replacement``; ``why`` names the kind of slip."""
 
     area: str  # kernels, host or commands
     name: str
@@ -73,6 +73,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "render_mis.cl": RENDER,
     "render_product_areas.cl": RENDER,
     "row_cdf.cl": DRAWS,
+    "row_weights.clh": DRAWS,
     "row_sums.cl": CUT,
     "sample_block.clh": DRAWS,
     "sequence.clh": ("test_sequences.py", "test_distribution.py", "test_split_work.py", "test_render.py"),
@@ -128,6 +129,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "run.py": ("test_pbrt.py",),
     "scenes.py": ("test_pbrt.py",),
     "check.py": ("test_pbrt.py",),
+    "sphere.py": ("test_pbrt.py", "test_commands.py"),
     "peer_numpy.py": ("test_peers.py",),
     "peer_pbrt.py": ("test_peers.py",),
     "peers.py": ("test_peers.py",),
@@ -451,7 +453,7 @@ FAULTS: list[Fault] = [
     ),
     kernel(
         "row_cdf: no clamp below the offset",
-        "row_cdf.cl",
+        "row_weights.clh",
         "fmax(weights(rgb, scale) - offset, 0.0f)",
         "(weights(rgb, scale) - offset)",
         "a clamp dropped",
@@ -481,8 +483,8 @@ FAULTS: list[Fault] = [
     kernel(
         "prefix sums: weights are cut, not rounded",
         "prefix_sum.clh",
-        "(int)(as_float(cdf[i]) * scale.x * scale.y + 0.5f)",
-        "(int)(as_float(cdf[i]) * scale.x * scale.y)",
+        "(int)(f * scale.x * scale.y + 0.5f)",
+        "(int)(f * scale.x * scale.y)",
         "rounding forgotten in the remainder",
     ),
     kernel(
@@ -543,7 +545,7 @@ FAULTS: list[Fault] = [
         "a bound halved",
     ),
     kernel(
-        "shade_tiles: what spilled is lost",
+        "shade_tiles: spilled lights are lost",
         "shade_tiles.cl",
         "row[c] += sum[CHANNELS * j + c].hi + sum[CHANNELS * j + c].lo;",
         ";",
@@ -573,8 +575,8 @@ FAULTS: list[Fault] = [
     kernel(
         "exact: a row that is lit whole lacks its last column",
         "exact.cl",
-        "whole += arc_between(row, 0, width);",
-        "whole += arc_between(row, 0, width - 1);",
+        "whole += arc_between(row, stride, 0, width);",
+        "whole += arc_between(row, stride, 0, width - 1);",
         "off by one",
     ),
     kernel(
@@ -944,7 +946,7 @@ FAULTS: list[Fault] = [
         "an inverse",
     ),
     host(
-        "a map turned keeps a peak that it may not have",
+        "a turned map keeps a peak that it may not have",
         "envmap.py",
         "peak = float(radiance.max())\n        return checks",
         "peak = self.peak\n        return checks",
@@ -1025,7 +1027,7 @@ FAULTS: list[Fault] = [
         "a bound",
     ),
     host(
-        "resampled: what is outside of a probe counts as dark",
+        "resampled: pixels outside a probe count as dark",
         "resample.py",
         "least = np.where(used, values, np.inf)",
         "least = np.where(used, values, 0)",
@@ -1081,7 +1083,7 @@ FAULTS: list[Fault] = [
         "a check removed",
     ),
     host(
-        "what a probe holds outside counts",
+        "pixels outside a probe count",
         "envmap.py",
         "        radiance[inspection.solid_angles == 0] = 0\n",
         "",
@@ -1407,7 +1409,7 @@ FAULTS: list[Fault] = [
         "memory that kernels still write to is freed",
     ),
     host(
-        "profile: events are kept for ever",
+        "profile: events are kept forever",
         "profile.py",
         "while self._pending and (len(self._pending) > PENDING or self._pending[0][1].command_execution_status <= 0):",
         "while False:",
@@ -1629,8 +1631,8 @@ FAULTS: list[Fault] = [
     host(
         "median cut: uncapped",
         "median_cut.py",
-        "below, heavy, _ = sum_rows(cap)",
-        "below, heavy, _ = sum_rows(UNCAPPED)",
+        "below, heavy, *_ = sum_rows(cap)",
+        "below, heavy, *_ = sum_rows(UNCAPPED)",
         "a bright pixel takes all lights",
     ),
     host(
@@ -1853,7 +1855,7 @@ FAULTS: list[Fault] = [
         "a signal forgotten",
         ("test_pbrt.py",),
     ),
-    host("PBRT check: without the albedo", "check.py", "albedo * _reflected(", "_reflected(", "a factor left out"),
+    host("PBRT check: without the albedo", "check.py", "albedo * reflected(", "reflected(", "a factor left out"),
     host(
         "PBRT check: upside down",
         "check.py",
@@ -1870,12 +1872,92 @@ FAULTS: list[Fault] = [
     ),
     host(
         "PBRT check: columns half",
-        "check.py",
+        "sphere.py",
         "(np.pi / width) * (columns",
         "(np.pi / 2 / width) * (columns",
         "half an angle",
     ),
     host("PBRT check: no noise", "check.py", "STANDARD_ERRORS * error + 1e-300", "1e-300", "a term left out"),
+    host(
+        "check: the length of directions does not matter",
+        "checking/samples.py",
+        "        if self.off_unit > UNIT:",
+        "        if False:",
+        "a check removed",
+        ("test_check_samples.py::test_each_mistake_is_named",),
+    ),
+    host(
+        "check: the law without sin(theta) has it",
+        "checking/laws.py",
+        '("no sin(theta)", luminance),',
+        '("no sin(theta)", right),',
+        "the weight that is used everywhere else",
+        ("test_check_samples.py::test_each_mistake_is_named",),
+    ),
+    host(
+        "check: any convention is as likely as lightdome's own",
+        "checking/places.py",
+        'return 0 if turn.preset == "lightdome" else 1 if turn.preset else 2',
+        "return 0",
+        "a rule left out",
+        ("test_check_samples.py",),
+    ),
+    host(
+        "check: a curve of 0 does not end",
+        "checking/fresnel.py",
+        "(np.isnan(v) | (v == 0)).all()",
+        "np.isnan(v).all()",
+        "one way of two",
+        ("test_check_fresnel.py::test_a_curve_may_end_in_several_ways",),
+    ),
+    host(
+        "check: a cut line in both halves loses light",
+        "checking/lights.py",
+        '"cut line in both halves" if factor > 1 else',
+        '"cut line in both halves" if factor < 1 else',
+        "a comparison the wrong way",
+        ("test_check_lights.py::test_each_mistake_is_named",),
+    ),
+    host(
+        "check: densities of pixels pass for those per steradian",
+        "checking/pdf.py",
+        'elif per != "either" and per != unit:',
+        "elif False:",
+        "an option ignored",
+        ("test_check_pdf.py::test_lightdomes_own_agree",),
+    ),
+    host(
+        "check: an image of anything is biased",
+        "checking/image.py",
+        "if self.image.any(axis=2).mean() > 0.95:",
+        "if False:",
+        "a check removed",
+        ("test_check_image.py::test_what_no_mistake_explains_has_no_name",),
+    ),
+    host(
+        "check: upside down is mirrored",
+        "checking/image.py",
+        '"upside down": np.s_[::-1, :],',
+        '"upside down": np.s_[:, ::-1],',
+        "the wrong axis",
+        ("test_check_image.py::test_two_mistakes_are_told_as_two",),
+    ),
+    host(
+        "check: a picture is not decoded",
+        "checking/files.py",
+        ".astype(np.float64) ** gamma).astype(np.float32), False",
+        ".astype(np.float64)).astype(np.float32), False",
+        "gamma forgotten",
+        ("test_check_command.py",),
+    ),
+    host(
+        "check: a folder's curves of light that leaves are of light that enters",
+        "checking/folder.py",
+        'leaving = self.leaving or "leaving" in path.stem.lower()',
+        "leaving = self.leaving",
+        "the file's name ignored",
+        ("test_teaching.py",),
+    ),
     command(
         "get_pbrt: any version will do",
         "get_pbrt.py",
@@ -1891,7 +1973,7 @@ FAULTS: list[Fault] = [
         "a status ignored",
     ),
     command(
-        "part 4: a wrong image is not told",
+        "part 4: a wrong image is not reported",
         "part4_pbrt.py",
         "if program and (where := deviation(image, envmap, args.albedo)):",
         'if program and (where := ""):',
@@ -1986,7 +2068,7 @@ FAULTS: list[Fault] = [
         "an order of preference",
     ),
     host(
-        "devices: a failure is remembered for ever",
+        "devices: a failure is remembered forever",
         "device.py",
         "0 <= time.time() - record.stat().st_mtime < FAILURE_SECONDS",
         "0 <= time.time() - record.stat().st_mtime",
@@ -2066,14 +2148,14 @@ FAULTS: list[Fault] = [
     ),
     host("Ctrl-C ends with 1", "interrupts.py", "os._exit(128 + number)", "os._exit(1)", "an exit status"),
     host(
-        "a mistake of the user's ends with 2",
+        "a user's mistake ends with 2",
         "console.py",
         '{shown(message)}", file=sys.stderr)\n        _flush_or_drop()\n        return 1',
         '{shown(message)}", file=sys.stderr)\n        _flush_or_drop()\n        return 2',
         "an exit status",
     ),
     host(
-        "a defect is told as a mistake of the user's",
+        "a defect is reported as a user's mistake",
         "console.py",
         "if isinstance(error, LightdomeError) else _shortage(error)",
         "if isinstance(error, Exception) else _shortage(error)",
@@ -2094,7 +2176,7 @@ FAULTS: list[Fault] = [
         "the sun counted twice",
     ),
     command(
-        "fewer lights than asked for, unsaid",
+        "fewer lights than asked for, silently",
         "lights.py",
         "if len(lights) < count:",
         "if not len(lights):",
@@ -2235,7 +2317,7 @@ FAULTS: list[Fault] = [
         "            if False:\n                return",
         "a case forgotten",
     ),
-    # ---- the host: measurements and what is made of them ----
+    # ---- the host: measurements and reports ----
     host(
         "benchmark: every seed is 0",
         "benchmark.py",
@@ -2286,7 +2368,7 @@ FAULTS: list[Fault] = [
         "a process left behind",
     ),
     host(
-        "Mitsuba's process: Dr.Jit is heard",
+        "Mitsuba's process: Dr.Jit prints",
         "mitsuba_process.py",
         "        os.dup2(nowhere.fileno(), 1)\n",
         "",
@@ -2323,37 +2405,37 @@ FAULTS: list[Fault] = [
     host(
         "benchmark plot: seconds on an axis of ms",
         "benchmark_plot.py",
-        "            [1e3 * m.wall_seconds for m in line],\n",
-        "            [m.wall_seconds for m in line],\n",
+        "return [1e3 * m.wall_seconds for m in line]",
+        "return [m.wall_seconds for m in line]",
         "a unit",
     ),
     host(
         "benchmark plot: errors not in percent",
         "benchmark_plot.py",
-        "            [100 * m.rmse for m in line],\n            label=plotting.text(name)",
-        "            [m.rmse for m in line],\n            label=plotting.text(name)",
+        "m in line], [100 * m.rmse for m in line]\n",
+        "m in line], [m.rmse for m in line]\n",
         "a unit",
     ),
     host(
         "benchmark plot: the spread for the error",
         "benchmark_plot.py",
-        "            [100 * m.rmse for m in line],\n            yerr",
-        "            [100 * m.rmse_spread for m in line],\n            yerr",
+        "                [100 * m.rmse for m in line],\n                yerr",
+        "                [100 * m.rmse_spread for m in line],\n                yerr",
         "two numbers exchanged",
     ),
     host(
         "benchmark plot: seconds for shares",
         "benchmark_plot.py",
-        "p.stages.get(name, 0) / p.wall_seconds for p",
-        "p.stages.get(name, 0) for p",
+        "{name: seconds / p.wall_seconds for name",
+        "{name: seconds for name",
         "a unit",
     ),
     host(
-        "benchmark plot: front in seconds",
+        "benchmark plot: a front of all, exact ones too",
         "benchmark_plot.py",
-        "[1e3 * m.wall_seconds for m in front]",
-        "[m.wall_seconds for m in front]",
-        "a unit",
+        "points = [p for p in points if p.rmse >= ROUNDING]\n    figure, panels",
+        "figure, panels",
+        "a check left out",
     ),
     host(
         "benchmark plot: read-outs in seconds",
@@ -2637,15 +2719,15 @@ FAULTS: list[Fault] = [
     command(
         "part 2: --marker ignored in a picture",
         "part2_sample.py",
-        "mark_pixels(marked, samples.pixel, args.marker, (0, 0, 255))",
-        "mark_pixels(marked, samples.pixel, 5, (0, 0, 255))",
+        "mark_picture(marked, samples.pixel, args.marker)",
+        "mark_picture(marked, samples.pixel, 5)",
         "an option ignored",
     ),
-    command(
+    host(
         "part 2: markers are red",
-        "part2_sample.py",
-        "mark_pixels(marked, samples.pixel, args.marker, (0, 0, 255))",
-        "mark_pixels(marked, samples.pixel, args.marker, (255, 0, 0))",
+        "markers.py",
+        "BLUE, OUTLINE = (0, 0, 255), ",
+        "BLUE, OUTLINE = (255, 0, 0), ",
         "the order of channels",
     ),
     command(
@@ -2672,8 +2754,8 @@ FAULTS: list[Fault] = [
     command(
         "part 3: --exposure ignored",
         "part3_shade.py",
-        "exposure, lines, names = args.exposure, [], []",
-        "exposure, lines, names = None, [], []",
+        "exposure, lines, names = args.exposure or recorded",
+        "exposure, lines, names = recorded",
         "an option ignored",
     ),
     command(
@@ -2690,6 +2772,13 @@ FAULTS: list[Fault] = [
         "exposure = exposure or auto_exposure(image)",
         "exposure = args.exposure or auto_exposure(image)",
         "pictures that cannot be compared",
+    ),
+    command(
+        "part 3: exposure of a white sphere",
+        "part3_shade.py",
+        'float(content["sphere_exposure"]) / albedo',
+        'float(content["sphere_exposure"])',
+        "a factor left out",
     ),
     command(
         "part 3: two sets of one size pass",
@@ -2720,7 +2809,7 @@ FAULTS: list[Fault] = [
         "an option ignored",
     ),
     command(
-        "devices: a failure is not told",
+        "devices: a failure is not reported",
         "devices.py",
         "fails: {device.failure}",
         "fails",
@@ -2757,16 +2846,16 @@ FAULTS: list[Fault] = [
     command(
         "part 4: --exposure ignored",
         "part4_pbrt.py",
-        "exposure = args.exposure or auto_exposure(done[max(done)])",
-        "exposure = auto_exposure(done[max(done)])",
+        "exposure = args.exposure or sphere_exposure(envmap, args.albedo)",
+        "exposure = sphere_exposure(envmap, args.albedo)",
         "an option ignored",
     ),
     command(
-        "part 4: exposure of the fewest samples",
+        "part 4: exposure of a white sphere",
         "part4_pbrt.py",
-        "auto_exposure(done[max(done)])",
-        "auto_exposure(done[min(done)])",
-        "an order",
+        "sphere_exposure(envmap, args.albedo)",
+        "sphere_exposure(envmap)",
+        "a factor left out",
     ),
     command(
         "part 4: a named program is silently replaced",
@@ -2835,7 +2924,7 @@ FAULTS: list[Fault] = [
         "an option ignored",
     ),
     command(
-        "--quick overrides what was said",
+        "--quick overrides given options",
         "cli.py",
         "        if getattr(args, name) == parser.get_default(name):\n",
         "        if True:\n",
@@ -2907,7 +2996,7 @@ FAULTS: list[Fault] = [
         "an exit status",
     ),
     command(
-        "a signal that is ignored is heard",
+        "an ignored signal is handled",
         "_start.py",
         "if signal.getsignal(_number) is not signal.SIG_IGN:",
         "if True:",

@@ -1,10 +1,10 @@
-"""Mutated maps and files of samples: each is read or refused in one line, within bounded time and memory.
+"""Mutated maps and sample files: each must be read, or refused in one line, within bounded time and memory.
 
     python tests/tools/fuzz.py --count 10000 --seed 1
 
-Valid files of every kind are damaged at random, with and without knowledge of their format, and read by a
-worker process, which a file may crash, hang or bloat without harm. What is neither read nor refused is a
-failure: its file is kept, with the line that repeats it. The same seed makes the same files.
+Valid files of every kind are damaged at random, with and without knowledge of their format. A worker process reads
+them, so a file may crash, hang or bloat it without harm. A file that is neither read nor refused is a failure: it is
+kept, with the command that repeats it. The same seed makes the same files.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ from lightdome.maps.images import ImageRows, read_image
 from lightdome.progress import Progress
 from lightdome.sampling.samples import Samples
 
-SECONDS = 60.0  # that a file may take, and the start of who reads it, on a busy machine too
-MEBIBYTES = 256  # that a file may cost; the valid ones have some thousand pixels
-ADDRESS_SPACE = 8 << 30  # so that a bloated worker fails instead of the machine
+SECONDS = 60.0  # allowed per file, including the worker's start, even on a busy machine
+MEBIBYTES = 256  # allowed per file; the valid files have a few thousand pixels
+ADDRESS_SPACE = 8 << 30  # bytes, so that a bloated worker fails and not the machine
 COMPRESSIONS = ("none", "rle", "zip", "zips", "piz", "pxr24", "b44", "b44a", "dwaa", "dwab")
 NUMBERS = (0, 1, 2, 7, 127, 128, 255, 256, 4096, 32767, 32768, 65535, 65536, 2**20, 2**24, 2**30)
 NUMBERS += (2**31 - 1, 2**31, 2**32 - 1, 2**32, 2**63 - 1, 2**63, 2**64 - 1, 10**30)
@@ -58,7 +58,7 @@ Mutation = Callable[[np.random.Generator, bytes], bytes]
 
 
 def corpus() -> dict[str, bytes]:
-    """Small valid files by name: every format, compression and layout that the readers know."""
+    """Small valid files by name, of every format, compression and layout that the readers support."""
     rng = np.random.default_rng(0)
     radiance = np.exp(rng.normal(0, 2, (37, 74, 3))).astype(np.float32)
     radiance[5:9] = 0.25  # something to compress
@@ -93,7 +93,7 @@ def corpus() -> dict[str, bytes]:
 
 
 def by_hand(radiance: np.ndarray) -> dict[str, bytes]:
-    """EXR files that OpenImageIO does not write: whole numbers, luminance and chroma, deep parts beside flat ones."""
+    """EXR files that OpenImageIO cannot write: integers, luminance and chroma, deep parts next to flat ones."""
     grey = radiance[..., 0]
     layers = {f"{layer}.{name}": plane for layer in ("depth", "rgba") for name, plane in planes(radiance).items()}
     primaries = {"chromaticities": ("chromaticities", struct.pack("<8f", 0.7, 0.3, 0.2, 0.7, 0.1, 0.1, 0.3, 0.3))}
@@ -154,7 +154,7 @@ def _deep(path: Path) -> bytes:
 
 
 def arrays(count: int = 50) -> dict[str, np.ndarray]:
-    """The arrays of a valid file of samples."""
+    """The arrays of a valid sample file."""
     rng = np.random.default_rng(0)
     height, width = 21, 43
     x, y = rng.integers(width, size=count), rng.integers(height, size=count)
@@ -173,7 +173,7 @@ def arrays(count: int = 50) -> dict[str, np.ndarray]:
 
 
 def npz(members: dict[str, np.ndarray | bytes], compression: int = zipfile.ZIP_STORED) -> bytes:
-    """An ``.npz`` of arrays, or of bytes that stand for one."""
+    """An ``.npz`` of arrays, or of bytes in place of an array."""
     result = io.BytesIO()
     with zipfile.ZipFile(result, "w", compression) as archive:
         for name, member in members.items():
@@ -188,11 +188,11 @@ def npy(array: np.ndarray) -> bytes:
     return result.getvalue()
 
 
-# What is done to them
+# How they are damaged
 
 
 def flip_bits(rng: np.random.Generator, content: bytes) -> bytes:
-    """A few bits turned, mostly near the beginning, where the header is."""
+    """Flip a few bits, mostly near the beginning, where the header is."""
     broken = bytearray(content)
     for _ in range(rng.integers(1, 6)):
         broken[_place(rng, content)] ^= 1 << int(rng.integers(8))
@@ -200,7 +200,7 @@ def flip_bits(rng: np.random.Generator, content: bytes) -> bytes:
 
 
 def overwrite(rng: np.random.Generator, content: bytes) -> bytes:
-    """A whole number of 1, 2, 4 or 8 bytes, that readers get wrong, somewhere."""
+    """At a random place, write an integer of 1, 2, 4 or 8 bytes that readers often get wrong."""
     size = int(rng.choice([1, 2, 4, 8]))
     at = _place(rng, content)
     value = int(rng.choice(len(NUMBERS)))
@@ -208,31 +208,31 @@ def overwrite(rng: np.random.Generator, content: bytes) -> bytes:
 
 
 def truncate(rng: np.random.Generator, content: bytes) -> bytes:
-    """The first part only."""
+    """Keep only the first part."""
     return content[: _place(rng, content)]
 
 
 def insert(rng: np.random.Generator, content: bytes) -> bytes:
-    """Random bytes, or a part of the file again, in the middle."""
+    """Insert random bytes, or a copy of a part of the file, in the middle."""
     at, start = _place(rng, content), _place(rng, content)
     more = rng.bytes(int(rng.integers(1, 64))) if rng.random() < 0.5 else content[start : start + 200]
     return content[:at] + more + content[at:]
 
 
 def delete(rng: np.random.Generator, content: bytes) -> bytes:
-    """A part left out."""
+    """Leave out a part."""
     at = _place(rng, content)
     return content[:at] + content[at + int(rng.integers(1, 200)) :]
 
 
 def fill(rng: np.random.Generator, content: bytes) -> bytes:
-    """A part that is all the same byte."""
+    """Fill a part with a single byte value."""
     at, size = _place(rng, content), int(rng.integers(1, 400))
     return content[:at] + bytes([int(rng.choice([0, 1, 127, 128, 255]))]) * size + content[at + size :]
 
 
 def lie_in_text(rng: np.random.Generator, content: bytes) -> bytes:
-    """Another number, or none, for one in a text header."""
+    """Replace a number in a text header by another number, or by none."""
     found = list(re.finditer(rb"-?\d+(\.\d+)?", content[:200]))
     lies = [str(n).encode() for n in NUMBERS] + [b"-1", b"-74", b"", b"nan", b"inf", b"1e99", b"0x10", b"9" * 5000]
     if not found:
@@ -242,7 +242,7 @@ def lie_in_text(rng: np.random.Generator, content: bytes) -> bytes:
 
 
 def lie_in_attribute(rng: np.random.Generator, content: bytes) -> bytes:
-    """Another value, or another size, in an attribute of an EXR's header."""
+    """Change the value or the size of an attribute in an EXR header."""
     found = list(re.finditer(b"|".join(re.escape(name) + rb"\0\w+\0" for name in EXR_ATTRIBUTES), content[:4000]))
     if not found:
         return flip_bits(rng, content)
@@ -254,7 +254,7 @@ def lie_in_attribute(rng: np.random.Generator, content: bytes) -> bytes:
 
 
 def lie_in_arrays(rng: np.random.Generator, _: bytes) -> bytes:
-    """Samples in a sound ``.npz`` of any compression, with arrays that are wrong in one or two ways."""
+    """Samples in a valid ``.npz`` of any compression, with arrays that are wrong in one or two ways."""
     members: dict[str, np.ndarray | bytes] = dict(arrays())
     for _ in range(rng.integers(1, 3)):
         name = str(rng.choice(list(members)))
@@ -326,7 +326,7 @@ def _other_header(rng: np.random.Generator, array: np.ndarray) -> bytes:
 
 
 def bomb(rng: np.random.Generator, array: np.ndarray) -> bytes:
-    """A million samples of zero, less of large ones, which deflate to a few kilobytes."""
+    """A million samples of zero, or fewer of large types, which deflate to a few kilobytes."""
     size = max(1, int(np.prod(array.shape[1:])) * array.dtype.itemsize)
     shape = (min(2**20, 2**25 // size), *array.shape[1:])
     header = io.BytesIO()
@@ -350,7 +350,7 @@ def _place(rng: np.random.Generator, content: bytes) -> int:
 
 
 def mutant(files: dict[str, bytes], seed: int, index: int) -> tuple[str, bytes]:
-    """File ``index`` of ``seed``: its suffix and its content."""
+    """The suffix and content of file ``index`` for ``seed``."""
     rng = np.random.default_rng([seed, index])
     # Every format gets its share, however many valid files it has.
     suffix = str(rng.choice([".pfm", ".hdr", ".exr", ".exr", ".npz"]))
@@ -369,7 +369,7 @@ def mutant(files: dict[str, bytes], seed: int, index: int) -> tuple[str, bytes]:
 
 
 def read(path: Path) -> str:
-    """Read a file and use what it gives; ``read``, or how it was refused. Everything else is raised."""
+    """Read a file and use its content; returns ``read``, or how it was refused. Anything else is raised."""
     try:
         if path.suffix == ".npz":
             samples = Samples.load(path)
@@ -395,7 +395,7 @@ def read(path: Path) -> str:
 
 
 def _read_both_ways(path: Path) -> np.ndarray:
-    """An image, which is the same if it is read by rows; what is refused as a whole is refused by rows."""
+    """Read an image as a whole and by rows; both must give the same pixels, or both must refuse it."""
     try:
         rows = ImageRows(path, batch=10)
         by_rows = np.empty((rows.height, rows.width, 3), np.float32)
@@ -406,15 +406,15 @@ def _read_both_ways(path: Path) -> np.ndarray:
     try:
         image = read_image(path)
     except LightdomeError:
-        assert by_rows is None, "by rows it is read"
+        assert by_rows is None, "refused as a whole, but read by rows"
         raise
-    assert by_rows is not None, "by rows it is refused"
+    assert by_rows is not None, "read as a whole, but refused by rows"
     np.testing.assert_array_equal(by_rows, image)
     return image
 
 
 def work() -> None:
-    """Read the files named on standard input, one answer a line: seconds, mebibytes, and what became of it."""
+    """Read the files named on standard input; print a line per file: seconds, mebibytes, and the verdict."""
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
     for line in sys.stdin:
         before = _peak_of_memory()
@@ -427,7 +427,7 @@ def work() -> None:
 
 
 def _peak_of_memory() -> float:
-    """The most mebibytes that this process held since the last call, as Linux counts them; 0 elsewhere."""
+    """This process's peak memory in mebibytes since the last call, as Linux counts it; 0 on other systems."""
     try:
         status = Path("/proc/self/status").read_text()
         Path("/proc/self/clear_refs").write_text("5")
@@ -438,20 +438,20 @@ def _peak_of_memory() -> float:
 
 @dataclass
 class Worker:
-    """A process that reads files, in a folder where nothing but them may lie."""
+    """A process that reads files, in a folder that must hold nothing else."""
 
     process: subprocess.Popen[str]
     errors: Path
 
     def read(self, path: Path, seconds: float = SECONDS) -> str:
-        """What became of one file within ``seconds``: ``read``, ``refused: ...`` or ``failed: ...``."""
+        """The verdict on one file within ``seconds``: ``read``, ``refused: ...`` or ``failed: ...``."""
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         print(path, file=self.process.stdin, flush=True)
         if not select.select([self.process.stdout], [], [], seconds)[0]:
             self.process.kill()
             self.process.wait()
-            return f"failed: not done after {seconds:g} s"
+            return f"failed: did not finish within {seconds:g} s"
         answer = self.process.stdout.readline()
         if not answer:
             return f"failed: ended with status {self.process.wait()}"
@@ -467,10 +467,10 @@ class Worker:
 
 @contextmanager
 def worker(folder: Path) -> Iterator[Worker]:
-    """A worker with ``folder`` as its current and its temporary one."""
+    """A worker with ``folder`` as its current and its temporary folder."""
     with tempfile.NamedTemporaryFile("a+") as errors:
         process = subprocess.Popen(
-            # Warnings are errors: a user would see them as more lines.
+            # Warnings count as errors, since a user would see them as extra lines.
             [sys.executable, "-W", "error", str(Path(__file__).resolve()), "--work"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -489,9 +489,9 @@ def worker(folder: Path) -> Iterator[Worker]:
 def fuzz(
     count: int, seed: int, keep: Path, first: int = 0, read: Callable[[Worker, Path], str] = Worker.read
 ) -> tuple[Counter[str], list[str]]:
-    """``read`` ``count`` mutants of ``seed``: how many were read or refused by suffix, and the failures.
+    """``read`` ``count`` mutants of ``seed``; returns how many were read or refused by suffix, and the failures.
 
-    The files that failed are kept in ``keep``, which is made when there is one.
+    Files that failed are kept in ``keep``, which is created when the first one fails.
     """
     files = corpus()
     counts: Counter[str] = Counter()

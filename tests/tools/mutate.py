@@ -1,12 +1,12 @@
-"""Put small faults into the code, one at a time, and see whether the tests notice.
+"""Put small faults into the code, one at a time, and see whether the tests notice them.
 
     python tests/tools/mutate.py                     # all faults: half an hour
     python tests/tools/mutate.py cells.cl seed       # those in this file, and those with this word in their names
     python tests/tools/mutate.py --area scripts --out table.txt
 
-The faults are in faults.py. Each is put into a copy of the clone with an environment of its own, where the tests that
-might notice it run until one fails. Before that they all run once without a fault, and must pass. Exits with 1 if a
-fault goes unnoticed that is not marked as equivalent, or if one cannot be applied.
+The faults are in faults.py. Each is put into a copy of the clone that has its own environment, where the tests that
+might notice it run until one fails. First, all of those tests run once without a fault, and must pass. Exits with 1 if
+a fault goes unnoticed and is not marked as equivalent, or if a fault cannot be applied.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ from pathlib import Path
 from faults import FAULTS, Fault
 
 ROOT = Path(__file__).resolve().parents[2]
-# And their folders; the commands are none of the host's.
+# The folders of each area; the host does not include the commands.
 AREAS = {"kernels": ("clkernels",), "host": ("pyhost",), "commands": ("pyhost/commands", "scripts", "data")}
-LEFT_OUT = (".git", ".venv", "out", "build", "dist", "__pycache__", "*.egg-info", ".*_cache")  # of a copy
-LIMIT = 300.0  # seconds for the tests of a fault; a program that hangs is noticed
+LEFT_OUT = (".git", ".venv", "out", "build", "dist", "__pycache__", "*.egg-info", ".*_cache")  # not copied
+LIMIT = 300.0  # seconds for the tests of a fault; a program that hangs counts as noticed
 
 NOTICED, SURVIVED, EQUIVALENT, NOT_FOUND = "noticed", "SURVIVED", "equivalent", "NOT FOUND"
 
-# Puts the packages of a copy before those of the environment that its own environment leads to.
+# Puts a copy's packages before those of the environment from which the copy's is derived.
 FINDER = """\
 import sys
 from importlib.machinery import PathFinder
@@ -67,13 +67,13 @@ sys.meta_path.insert(0, Copy)
 def faulty(root: Path, fault: Fault) -> tuple[Path, str]:
     """The file of a fault below ``root``, and its text with the fault in it.
 
-    Raises ``LookupError`` where the file is not there, or does not have the fault's text exactly once.
+    Raises ``LookupError`` if there is no such file, or if it does not contain the fault's text exactly once.
     """
     found: list[Path] = []
     for folder in AREAS[fault.area]:
         found = found or list((root / folder).rglob(fault.file))
     if fault.area == "host":
-        # Names of files there are names elsewhere; a fault gives them with their folder.
+        # These files share their names with others, so a fault names them with their folder.
         others = {"commands", "checking"} - set(Path(fault.file).parts)
         found = [path for path in found if path.parent.name not in others]
     if len(found) != 1:
@@ -81,12 +81,12 @@ def faulty(root: Path, fault: Fault) -> tuple[Path, str]:
     (path,) = found
     text = path.read_text(encoding="utf-8")
     if (count := text.count(fault.text)) != 1:
-        raise LookupError(f"its text is {count} times in {fault.file}, and must be there once")
+        raise LookupError(f"its text must occur once in {fault.file}, but occurs {count} times")
     return path, text.replace(fault.text, fault.replacement)
 
 
 def test_paths(root: Path, tests: Sequence[str]) -> list[str]:
-    """Names such as ``test_pfm.py`` or ``test_pfm.py::test_values`` as paths, wherever the files lie in tests/."""
+    """Names such as ``test_pfm.py`` or ``test_pfm.py::test_values`` as paths, wherever the files are in tests/."""
     paths = []
     for name in tests:
         file, colons, test = name.partition("::")
@@ -97,7 +97,7 @@ def test_paths(root: Path, tests: Sequence[str]) -> list[str]:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What came of a fault: one of the words above, by which test or why, and the seconds that it took."""
+    """The result for a fault: one of the words above, which test noticed it or why not, and the seconds it took."""
 
     fault: Fault
     word: str
@@ -122,18 +122,18 @@ class Copy:
         parent = sysconfig.get_paths()["purelib"]
         (packages / "of_the_copy.py").write_text(FINDER.format(folders=folders))
         (packages / "of_the_copy.pth").write_text(f"import site; site.addsitedir({parent!r})\nimport of_the_copy\n")
-        # What a fault leaves in a cache must not serve the next one.
+        # A fault must not leave anything in a cache for the next one.
         self._cache = folder / "cache"
         self._environment = {**os.environ, "XDG_CACHE_HOME": str(self._cache)}
-        fonts = [self._python, "-c", "import matplotlib.font_manager"]  # found once, and not in a test of a full disk
+        fonts = [self._python, "-c", "import matplotlib.font_manager"]  # once, not in a test of a full disk
         subprocess.run(fonts, env=self._environment, check=True)
         self._process: subprocess.Popen[str] | None = None
         self._ended = False
 
     def run(self, tests: Sequence[str], limit: float | None) -> tuple[int, str]:
-        """pytest's exit status and what it printed; -9 where it took longer than ``limit`` seconds."""
+        """pytest's exit status and output; the status is -9 if it took longer than ``limit`` seconds."""
         for kept in (self._cache / "lightdome").glob("*"):
-            if kept.name != "devices":  # what the probe measured
+            if kept.name != "devices":  # keeps what the probe measured
                 shutil.rmtree(kept)
         command = [self._python, "-m", "pytest", "--exitfirst", "--tb=line", "-p", "no:cacheprovider"]
         self._process = subprocess.Popen(
@@ -158,7 +158,7 @@ class Copy:
         return self._process.returncode, said
 
     def end(self) -> None:
-        """End the tests that run, and any that would follow."""
+        """Stop the running tests, and start no more."""
         self._ended = True
         self._kill()
 
@@ -168,7 +168,7 @@ class Copy:
                 os.killpg(self._process.pid, signal.SIGKILL)
 
     def judge(self, fault: Fault) -> Verdict:
-        """Put the fault in, run its tests, and take it out."""
+        """Put the fault in, run its tests, and take the fault out."""
         start = time.monotonic()
         path, text = faulty(self.root, fault)
         before = path.read_text(encoding="utf-8")
@@ -185,22 +185,22 @@ class Copy:
     _time = itertools.count(int(time.time()))
 
     def _write(self, path: Path, text: str) -> None:
-        """Write a source file with a time of its own: Python takes a file of the same time and size for compiled."""
+        """Write a source file with a new time, since Python reuses compiled code for the same time and size."""
         path.write_text(text, encoding="utf-8")
         now = next(self._time)
         os.utime(path, (now, now))
 
 
 def _by(status: int, said: str) -> str:
-    """The test that failed."""
+    """The name of the test that failed."""
     if status == -signal.SIGKILL:
-        return f"none ended in {LIMIT:.0f} s"
+        return f"none finished in {LIMIT:.0f} s"
     found = re.search(r"^(?:FAILED|ERROR) \S*?([^/\s]+\.py\S*)", said, re.MULTILINE)
     return found[1] if found else f"pytest, which ended with {status}"
 
 
 def judged(faults: Sequence[Fault], jobs: int, folder: Path) -> Iterator[Verdict]:
-    """What comes of each fault, as soon as it is known. Raises ``RuntimeError`` where tests fail without any."""
+    """Yield each fault's result as soon as it is known. Raises ``RuntimeError`` if tests fail without a fault."""
     applicable = []
     for fault in faults:
         try:
@@ -214,7 +214,7 @@ def judged(faults: Sequence[Fault], jobs: int, folder: Path) -> Iterator[Verdict
     pool = ThreadPoolExecutor(len(copies))
     try:
         tests = sorted({test for fault in applicable for test in fault.tests})
-        runs = [pool.submit(copy.run, tests, None) for copy in copies]  # each has a cache to fill, too
+        runs = [pool.submit(copy.run, tests, None) for copy in copies]  # this also fills each copy's cache
         wait(runs)
         for status, said in (run.result() for run in runs):
             if status:
@@ -234,13 +234,13 @@ def judged(faults: Sequence[Fault], jobs: int, folder: Path) -> Iterator[Verdict
 
 
 def line(verdict: Verdict) -> str:
-    """A line of the table."""
+    """A line of the table of results."""
     place = f"{verdict.fault.area:<9}{verdict.fault.file:<22}"
     return f"{place}{verdict.word:<11}{verdict.seconds:>5.0f} s  {verdict.fault.name:<58}{verdict.by}".rstrip()
 
 
 def summary(verdicts: Sequence[Verdict]) -> list[str]:
-    """How many were noticed of those that are no equivalent, by area, and what was not."""
+    """By area, how many faults were noticed of those that are not equivalent, and which were not."""
     lines = []
     for area in AREAS:
         words = Counter(v.word for v in verdicts if v.fault.area == area)
@@ -251,21 +251,21 @@ def summary(verdicts: Sequence[Verdict]) -> list[str]:
         if verdict.word in (SURVIVED, NOT_FOUND):
             lines.append(f"{verdict.word}: {verdict.fault.name} ({verdict.by or verdict.fault.why})")
         elif verdict.word == NOTICED and verdict.fault.equivalent:
-            lines.append(f"noticed, and so no equivalent: {verdict.fault.name} (by {verdict.by})")
+            lines.append(f"noticed, so not equivalent: {verdict.fault.name} (by {verdict.by})")
     return lines
 
 
 def main() -> int:
-    """Judge the faults that the command line chooses."""
+    """Judge the faults chosen on the command line."""
     parser = argparse.ArgumentParser(
         description="Put small faults into a copy of the code, one at a time, and see whether the tests notice."
     )
     parser.add_argument(
         "names", nargs="*", metavar="NAME-PART", help="a part of a file's or a fault's name (default: all)"
     )
-    parser.add_argument("--area", choices=AREAS, help="faults of this area alone")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="write the table there too")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="copies to test in side by side (default: 1)")
+    parser.add_argument("--area", choices=AREAS, help="only faults of this area")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="also write the table to this file")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="copies tested in parallel (default: 1)")
     parser.add_argument("--list", action="store_true", help="list the faults and run nothing")
     args = parser.parse_args()
     faults = [
@@ -279,7 +279,7 @@ def main() -> int:
             print(f"{fault.file:<22}{fault.name:<58}{fault.why}")
         return 0
     if not faults:
-        parser.error("no fault or file has such a name")
+        parser.error(f"no fault or file has {' or '.join(args.names)} in its name")
     verdicts: list[Verdict] = []
     with tempfile.TemporaryDirectory(prefix="lightdome-faults-", ignore_cleanup_errors=True) as folder:
         try:

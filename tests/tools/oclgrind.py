@@ -1,17 +1,17 @@
-"""Run every kernel under Oclgrind: no access out of bounds, no data race, no use of what was never set.
+"""Run every kernel under Oclgrind: no access out of bounds, no data race, no use of uninitialised memory.
 
     python tests/tools/oclgrind.py
 
-Oclgrind (Debian's package `oclgrind`) interprets kernels and watches every access. Maps and images are small and of
-odd sizes, so that vectors meet their remainders; each kernel runs in the shape for a CPU and in that for a GPU.
-Exits with 1 if Oclgrind has any finding, if it misses the faults of a kernel that is broken on purpose, or if a
-kernel of clkernels/ did not run.
+Oclgrind (Debian's package `oclgrind`) interprets kernels and checks every access. Maps and images are small and of odd
+sizes, so that vector loops have remainders; each kernel runs in its shape for a CPU and in its shape for a GPU. Exits
+with 1 if Oclgrind reports anything, if it misses the faults of a kernel that is broken on purpose, or if a kernel in
+clkernels/ did not run.
 
-The search for what was never set is for row_cdf, marginal_cdf, guide, choose_rows, sample with and without guides,
-shade, harmonics, render_light, render_light_areas, render_bsdf and render_mis in the shape for a GPU, since that of
-Oclgrind 21.10 cannot follow all vectors: it takes lane 11 of any for never set where the memory was used before, and
-for a lane that does not matter it reads outside its own memory.
-tests/opencl/test_device_agreement.py searches all kernels for it in another way.
+Uninitialised memory is searched for only in row_cdf, marginal_cdf, guide, choose_rows, sample with and without guides,
+shade, harmonics, render_light, render_light_areas, render_bsdf and render_mis, in the shape for a GPU, because this
+search in Oclgrind 21.10 cannot follow all vectors: it takes lane 11 of any vector for uninitialised where memory was
+used before, and for an unused lane it reads outside its own memory. tests/opencl/test_device_agreement.py searches all
+kernels in another way.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ from lightdome.sampling.streaming import sample_file
 SHAPES = ((7, 5), (3, 33))
 RESOLUTIONS = (1, 17)
 
-# Without these Oclgrind 21.10 takes a vstore16 into a private array for none, since its compiler optimises it away, and
-# does not load Random123, whose functions that return structures it cannot inline.
+# Without these, Oclgrind 21.10 misses a vstore16 into a private array, since its compiler optimises it away, and does
+# not load Random123, which has functions that return structures and that Oclgrind cannot inline.
 BUILD_OPTIONS = "-cl-opt-disable -DR123_FORCE_INLINE(declaration)=declaration"
 
 BROKEN = """
@@ -69,11 +69,11 @@ FAULTS = ("data race", "Uninitialized value", "Invalid write")
 
 @dataclass(frozen=True)
 class Simulator(Device):
-    """Oclgrind's device, which says that it is everything, as a CPU or as a GPU."""
+    """Oclgrind's device, which claims to be every type of device, used as a CPU or as a GPU."""
 
     as_gpu: bool = False
     ran: set[str] = field(default_factory=set)
-    shares_host_memory = False  # it takes what lies in the host's memory for never set
+    shares_host_memory = False  # it takes the host's memory for uninitialised
 
     @property
     def is_gpu(self) -> bool:
@@ -85,27 +85,27 @@ class Simulator(Device):
 
 
 def main() -> None:
-    """Start this program under Oclgrind: with the broken kernel, with all, with those it finds no false faults in."""
+    """Run this program under Oclgrind: the broken kernel, all kernels, those without false reports."""
     if len(sys.argv) > 1:
-        progress.LINE_PATIENCE = np.inf  # what goes to stderr is a finding
+        progress.LINE_PATIENCE = np.inf  # anything on stderr is a finding
         {"broken": run_broken, "all": run_all, "clean": run_clean}[sys.argv[1]]()
         return
     found = findings("broken", "--data-races", "--uninitialized")
     missed = [fault for fault in FAULTS if fault not in found]
     if missed:
-        sys.exit(f"Oclgrind does not find what is wrong with a broken kernel: {', '.join(missed)}")
+        sys.exit(f"Oclgrind misses faults of the broken kernel: {', '.join(missed)}")
     found = findings("all", "--data-races") + findings("clean", "--uninitialized")
     if found:
-        sys.exit(f"{found}\nOclgrind has findings")
-    print("Oclgrind has no finding")
+        sys.exit(f"{found}\nOclgrind reports the above")
+    print("Oclgrind reports nothing")
 
 
 def findings(what: str, *watch: str) -> str:
-    """What Oclgrind writes while this program runs ``what``; to stderr, since a log of its own can lack the end."""
+    """What Oclgrind reports while this program runs ``what``: on stderr, since its log file can lack the end."""
     command = ["oclgrind", *watch, "--build-options", BUILD_OPTIONS, sys.executable, __file__, what]
     result = subprocess.run(command, stderr=subprocess.PIPE, text=True)
     if result.returncode != 0:
-        sys.exit(f"{result.stderr}\nunder Oclgrind, this program ended with {result.returncode}")
+        sys.exit(f"{result.stderr}\nunder Oclgrind, this program ended with exit status {result.returncode}")
     return result.stderr.strip()
 
 
@@ -113,19 +113,19 @@ def simulator(as_gpu: bool) -> Simulator:
     (handle,) = cl.get_platforms()[0].get_devices()
     context = cl.Context([handle])
     queue = cl.CommandQueue(context, properties=cl.command_queue_properties.PROFILING_ENABLE)
-    rates = Rates(fused=1, plain=1, copies=1, transfers=None, launches=1, numpy=1)  # a simulator's are no use
+    rates = Rates(fused=1, plain=1, copies=1, transfers=None, launches=1, numpy=1)  # a simulator's rates mean nothing
     return Simulator(handle, context, queue, Programs(context, FUSED=1), rates, as_gpu=as_gpu)
 
 
 def zeros(device: Device, shape: int | tuple[int, ...], dtype: type) -> DeviceArray:
-    """In place of :func:`memory.zeros`, since Oclgrind takes a buffer that was filled for one never set."""
+    """Replaces :func:`memory.zeros`, since Oclgrind takes a filled buffer for an uninitialised one."""
     array = memory.empty(device, shape, dtype)
     cl.enqueue_copy(device.queue, array.buffer, np.zeros(array.shape, dtype))
     return array
 
 
 def keep_memory() -> None:
-    """Free no buffer: Oclgrind has false findings in memory that was used before."""
+    """Free no buffer, since Oclgrind reports false faults in memory that was used before."""
     make, kept = memory._buffer, []
 
     def buffer(*arguments: object) -> cl.Buffer:
@@ -171,7 +171,7 @@ def run_all() -> None:
 
 def run_clean() -> None:
     keep_memory()
-    for distribution in list(distributions(shapes=(True,))):  # all CDFs first, in memory that is new
+    for distribution in list(distributions(shapes=(True,))):  # all CDFs first, in fresh memory
         draw(distribution)
         for resolution in RESOLUTIONS:
             light(distribution, resolution, brute_force=True)
@@ -181,7 +181,7 @@ def run_clean() -> None:
 
 
 def distributions(shapes: tuple[bool, ...] = (False, True)) -> Iterator[Distribution]:
-    """One a map and shape, that for a CPU or (True) for a GPU."""
+    """A distribution per map and shape, which is that for a CPU or (True) for a GPU."""
     memory.zeros = zeros
     for as_gpu in shapes:
         device = simulator(as_gpu)
