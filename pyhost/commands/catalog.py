@@ -21,7 +21,7 @@ from . import cli
 
 if TYPE_CHECKING:
     from ..catalog.cluster import Place
-    from ..catalog.run import Run
+    from ..catalog.computing import Run
 
 MOST = 2**22  # lights or samples of a map
 FOLDERS = ("lights", "samples", "thumbnails")
@@ -103,10 +103,10 @@ def catalog(args: argparse.Namespace) -> None:
     from ..catalog import sources, table
     from ..catalog.cluster import Place
     from ..catalog.columns import columns
+    from ..catalog.computing import Run, rows
     from ..catalog.journal import Journal
     from ..catalog.page import write_page
     from ..catalog.row import Options
-    from ..catalog.run import Run, rows
 
     try:
         memory = int(parse_bytes(args.limit_memory))
@@ -146,7 +146,7 @@ def catalog(args: argparse.Namespace) -> None:
 def compute(run: Run, place: Place) -> None:
     """Compute what is missing; where a signal stops it, say how to go on."""
     from ..catalog.cluster import connected
-    from ..catalog.run import GO_ON
+    from ..catalog.computing import GO_ON
 
     with tempfile.TemporaryDirectory(prefix="lightdome-", ignore_cleanup_errors=True) as folder:
 

@@ -33,10 +33,10 @@ pq = pytest.importorskip("pyarrow.parquet")
 from distributed import Client, LocalCluster  # noqa: E402
 from lightdome.catalog import table  # noqa: E402
 from lightdome.catalog.columns import columns, of_analysis  # noqa: E402
+from lightdome.catalog.computing import Run, rows  # noqa: E402
 from lightdome.catalog.journal import NAME, Journal  # noqa: E402
 from lightdome.catalog.page import write_page  # noqa: E402
 from lightdome.catalog.row import Options, Row, averaged, fill, read  # noqa: E402
-from lightdome.catalog.run import Run, rows  # noqa: E402
 from lightdome.catalog.sources import find  # noqa: E402
 
 slow = pytest.mark.slow

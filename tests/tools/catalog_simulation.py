@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import dask
 import psutil
 from distributed import Client, LocalCluster
-from lightdome.catalog import run
+from lightdome.catalog import computing
 from lightdome.catalog.cluster import LOCAL
 from lightdome.catalog.columns import columns
 from lightdome.catalog.journal import Journal
@@ -52,8 +52,8 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=0.0, help="that a row takes")
     args = parser.parse_args()
     PAUSE = args.seconds
-    run.work = made
-    run._stat = lambda source: (None, None)
+    computing.work = made
+    computing._stat = lambda source: (None, None)
     process, options = psutil.Process(), Options()
     with (
         tempfile.TemporaryDirectory() as folder,
@@ -67,7 +67,7 @@ def main() -> None:
         for part in range(4):
             begin, busy = time.perf_counter(), process.cpu_times()
             names = [f"{default_map()}?{part * args.maps // 4 + n}" for n in range(args.maps // 4)]
-            run.Run(names, options, journal, Path(folder), 600)(client)
+            computing.Run(names, options, journal, Path(folder), 600)(client)
             took, now = time.perf_counter() - begin, process.cpu_times()
             cpu = now.user + now.system - busy.user - busy.system
             print(
