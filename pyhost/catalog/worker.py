@@ -25,7 +25,8 @@ from .row import Options, Row, digest, fill, local, read
 THREADS = 2  # of a worker
 # What OpenCL implementations for CPUs take as their number of threads.
 THREAD_VARIABLES = ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT", "CL_CONFIG_CPU_TBB_NUM_WORKERS")
-_computing = threading.Lock()
+SETTLE = 1.0  # seconds: Dask's nanny starts no other worker for one that dies while it starts
+_computing, _starting = threading.Lock(), threading.Lock()
 
 
 def opencl_threads(count: int) -> dict[str, str]:
@@ -71,9 +72,15 @@ class _Watch:
 
 
 @cache
-def _watch() -> _Watch:
+def _started() -> _Watch:
     progress.LINE_PATIENCE = math.inf  # the client says how far the work is
+    time.sleep(SETTLE)
     return _Watch()
+
+
+def _watch() -> _Watch:
+    with _starting:  # two threads begin at once
+        return _started()
 
 
 def work(source: str, options: Options, key: str, known: Iterable[str], seconds: float) -> Row:
