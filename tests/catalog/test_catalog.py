@@ -5,10 +5,13 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import shutil
+import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -374,3 +377,33 @@ def test_maps_that_kill_or_hang_their_worker_are_named_and_skipped(maps: Path, t
     assert errors["deadly.exr"] == "its worker process died, twice: skipped"
     assert errors["hanging.exr"] == "it took more than 8 s, twice: skipped"
     assert errors["m0.pfm"] is None
+
+
+@slow
+def test_ctrl_c_ends_it_cleanly_and_says_how_to_go_on(tmp_path: Path) -> None:
+    (tmp_path / "maps").mkdir()
+    for n in range(60):
+        write_image(tmp_path / "maps" / f"m{n:02}.pfm", stiff_radiance(64, 128, n))
+    out = tmp_path / "out"
+    command = [
+        sys.executable,
+        "-m",
+        "lightdome",
+        "catalog",
+        str(tmp_path / "maps"),
+        "--out",
+        str(out),
+        "--workers",
+        "1",
+    ]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    while process.poll() is None and not ((out / NAME).exists() and (out / NAME).stat().st_size):
+        time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+    _, errors = process.communicate(timeout=LONG)
+    assert process.returncode == 130
+    assert re.search(r"^\d+ of 60 maps are done and kept; run the same command again to go on$", errors, re.MULTILINE)
+    assert "Traceback" not in errors
+    assert [path.name for path in out.iterdir()] == [NAME]
