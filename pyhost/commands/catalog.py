@@ -139,9 +139,8 @@ def catalog(args: argparse.Namespace) -> None:
         table.write_csv(out / "catalog.csv", wanted, lambda: rows(journal, maps))
         write_page(out / "index.html", options, lambda: rows(journal, maps))
         failed = sum(not journal.entries[source].is_done for source in maps)
-    print(
-        f"{len(maps)} map{'s' if len(maps) > 1 else ''}: {to_do} computed, {len(maps) - to_do} known from earlier runs, {failed} failed"
-    )
+    plural = "s" if len(maps) > 1 else ""
+    print(f"{len(maps)} map{plural}: {to_do} computed, {len(maps) - to_do} known from earlier runs, {failed} failed")
     print(f"wrote {out / 'catalog.parquet'}, catalog.csv and index.html")
 
 
