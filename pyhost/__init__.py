@@ -27,6 +27,7 @@ TYPE_CHECKING = False  # as in typing, which is slow to import
 if TYPE_CHECKING:
     from . import (  # noqa: F401
         cache,
+        catalog,
         checking,
         checks,
         commands,

@@ -53,6 +53,7 @@ COMMANDS = {
     "sample": Command("part2_sample", "draw light samples from a map, and show where they fall"),
     "shade": Command("part3_shade", "shade a sphere with one set of samples for all pixels"),
     "render": Command("part4_pbrt", "render the sphere with fresh samples for every pixel"),
+    "catalog": Command("catalog", "make a table of many maps, on one machine or on a Dask cluster"),
     "convert": Command("convert", "write a map in another projection"),
     "exact": Command("exact", "compute the sphere's exact image, from every pixel of a map: the estimators' limit"),
     "lights": Command("lights", "turn a map into a few lights, as a file for another program"),

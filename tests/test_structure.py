@@ -28,7 +28,8 @@ MAY_IMPORT = {
 }
 MAY_IMPORT["checking"] = MAY_IMPORT["evaluation"] | {"checking"}
 MAY_IMPORT["viewer"] = MAY_IMPORT["checking"] | {"viewer"}
-MAY_IMPORT["commands"] = MAY_IMPORT["viewer"] | {"commands"}
+MAY_IMPORT["catalog"] = MAY_IMPORT["evaluation"] | {"catalog"}
+MAY_IMPORT["commands"] = MAY_IMPORT["viewer"] | {"catalog", "commands"}
 FOLDERS = {path.parent.name for path in HOST.glob("*/__init__.py")}
 # `python -m lightdome` and `python -m lightdome.probe` are commands; the package's names are for users.
 OUTSIDE = {HOST / "__init__.py", HOST / "__main__.py", HOST / "probe.py"}

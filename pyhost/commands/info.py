@@ -74,7 +74,7 @@ def main() -> None:
 
 def examine(args: Namespace, path: Path) -> Analysis:
     """The analysis of a file, in bands; if it is not a latlong, of the map that it is resampled to."""
-    from ..maps.analysis import analyse
+    from ..maps.analysis import analyse, analyse_resampled
     from ..maps.conversion import convert
     from ..maps.envmap import EnvironmentMap, read_projected
     from ..maps.images import ImageRows
@@ -91,9 +91,7 @@ def examine(args: Namespace, path: Path) -> Analysis:
             convention=args.convention,
         )
         if read.projection != "latlong":
-            analysis = analyse(cli.turned(args, EnvironmentMap(convert(read.radiance, read.projection))))
-            remarks = (*read.notes, *([read.replaced.note] if read.replaced else []), *analysis.notes)
-            return replace(analysis, projection=f"{read.projection}, resampled to latlong", notes=remarks)
+            return analyse_resampled(read, cli.turned(args, EnvironmentMap(convert(read.radiance, read.projection))))
         notes = read.notes
     image.reorder(cli.map_columns(args, image.width, f", or turn it first with {cli.program('convert')}"))
     analysis = analyse(image)

@@ -10,7 +10,7 @@ except that in a file of half floats they are taken as 65504: there, they are mo
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from ..disc import disc_mask
 from ..errors import LightdomeError
 from ..float_range import LARGEST, LARGEST_HALF
 from ..progress import Progress
-from .envmap import EnvironmentMap, Inspection, shape_note
+from .envmap import EnvironmentMap, Inspection, Projected, shape_note
 from .geometry import column_angles, directions, row_angles, solid_angles
 from .images import ImageRows
 from .sun import (
@@ -166,6 +166,13 @@ def analyse(
     Raises :class:`LightdomeError` for a file that cannot be read, and for an array of another shape or without pixels.
     """
     return _examined(_Map.of(source, layer, flip))[0]
+
+
+def analyse_resampled(read: Projected, envmap: EnvironmentMap) -> Analysis:
+    """The analysis of ``envmap``, which was resampled from what was read, with the remarks on both."""
+    analysis = analyse(envmap)
+    remarks = (*read.notes, *([read.replaced.note] if read.replaced else []), *analysis.notes)
+    return replace(analysis, projection=f"{read.projection}, resampled to latlong", notes=remarks)
 
 
 def split_sun(envmap: EnvironmentMap) -> SplitSun:

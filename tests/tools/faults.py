@@ -3093,4 +3093,28 @@ FAULTS: list[Fault] = [
         "scale = 1.0",
         "most radiance is about 1",
     ),
+    host(
+        "a line of the journal that was cut short swallows the next",
+        "journal.py",
+        'if not line.endswith(b"\\n"):',
+        "if False:",
+        "a row that is lost",
+        ("test_catalog.py",),
+    ),
+    host(
+        "a catalog takes a map that changed for known",
+        "computing.py",
+        "(entry.size, entry.modified) == _stat(source)",
+        "True",
+        "a table of old maps",
+        ("test_catalog.py",),
+    ),
+    host(
+        "averaged maps lose their solid angles",
+        "row.py",
+        "dtype=np.float64) * weight[rows, None, None]",
+        "dtype=np.float64)",
+        "light of the wrong strength",
+        ("test_catalog.py",),
+    ),
 ]

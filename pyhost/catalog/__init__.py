@@ -1,0 +1,1 @@
+"""A table of many maps, computed by a Dask cluster: ``lightdome catalog`` writes it. Needs the extra ``[cluster]``."""

@@ -1,0 +1,188 @@
+"""Have a cluster compute the rows of many maps: a bounded number at a time, each written down as it comes."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import CancelledError
+from dataclasses import dataclass, field
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Any
+from uuid import uuid4
+
+from distributed import Client, Future, KilledWorker
+
+from .. import __version__
+from ..errors import LightdomeError, one_line, shown
+from ..files import replacing
+from ..progress import Progress
+from .journal import Entry, Journal
+from .row import Options, Row
+from .sources import is_url
+from .worker import work
+
+AHEAD = 2  # maps at the cluster, for each thread there
+POLL = 1.0  # seconds between looks at the cluster
+ALONE = 60.0  # seconds without any worker after which the run ends
+GO_ON = "run the same command again to go on"
+MOST_KNOWN = 100  # contents of equal size with which a map is compared
+
+
+@dataclass
+class Flight:
+    """A map at the cluster."""
+
+    source: str
+    size: int | None
+    modified: int | None
+    is_alone: bool
+    since: float = field(default_factory=time.monotonic)
+
+
+class Run:
+    """Computes the rows of ``sources`` that the journal has not, into the folder ``out``.
+
+    Maps whose worker died come again, one at a time, after all others: then a second death is that map's own.
+    """
+
+    client: Client
+
+    def __init__(self, sources: list[str], options: Options, journal: Journal, out: Path, seconds: float) -> None:
+        self.options, self.journal, self.out, self.seconds = options, journal, out, seconds
+        self.waiting = self._new(sources)
+        self.total, self.computed = len(self.waiting), 0
+        self._finished: SimpleQueue[Future[Row]] = SimpleQueue()
+        self._flying: dict[Any, tuple[Future[Row], Flight]] = {}
+        self._suspects: deque[str] = deque()
+        self._name = f"map-{uuid4()}"
+        self._submitted = 0
+        self._looked, self._last_worker = 0.0, time.monotonic()
+        self._most = AHEAD
+
+    def __call__(self, client: Client) -> None:
+        """Raises :class:`LightdomeError` where the cluster is gone; what is in the journal stays there."""
+        try:
+            self._compute(client)
+        except (OSError, TimeoutError, CancelledError) as error:
+            raise LightdomeError(f"the Dask cluster is gone ({one_line(error)}); {GO_ON}") from error
+
+    def _compute(self, client: Client) -> None:
+        self.client, waiting = client, self.waiting
+        begin = time.monotonic()
+        with Progress("maps") as progress:
+            while waiting or self._flying or self._suspects:
+                self._look()
+                while waiting and len(self._flying) < self._most:
+                    self._submit(waiting.popleft())
+                if not self._flying:
+                    client.wait_for_workers(1, timeout=ALONE)  # its time begins now
+                    self._submit(self._suspects.popleft(), is_alone=True)
+                try:
+                    future = self._finished.get(timeout=POLL)
+                except Empty:
+                    pass
+                else:
+                    self._take(future)
+                rate = self.computed / (time.monotonic() - begin)
+                progress.label = f"{self.computed} of {self.total} maps, {rate:.2g} a second"
+                progress.update(self.computed / self.total)
+
+    def _new(self, sources: list[str]) -> deque[str]:
+        """The maps that have no row yet, or a failed one, or whose files changed since."""
+        found: deque[str] = deque()
+        for source in sources:
+            entry = self.journal.entries.get(source)
+            # Of a URL the time of change is not known: it is read again, and computed only if its content is new.
+            if not (entry and entry.is_done and entry.modified and (entry.size, entry.modified) == _stat(source)):
+                found.append(source)
+        return found
+
+    def _submit(self, source: str, is_alone: bool = False) -> None:
+        size, modified = _stat(source)
+        own = self.journal.entries.get(source)
+        known = [own.sha256] if own and own.is_done and own.sha256 else []
+        known += list(self.journal.by_size.get(size, ()))[:MOST_KNOWN]
+        future = self.client.submit(
+            work,
+            source,
+            self.options,
+            self.options.key,
+            known,
+            self.seconds,
+            key=(self._name, self._submitted),
+            pure=False,
+        )
+        self._submitted += 1
+        self._flying[future.key] = future, Flight(source, size, modified, is_alone)
+        future.add_done_callback(self._finished.put)
+
+    def _take(self, future: Future[Row]) -> None:
+        _, flight = self._flying.pop(future.key)
+        try:
+            row = future.result()
+        except KilledWorker:
+            if not flight.is_alone:
+                self._suspects.append(flight.source)
+                return
+            took = time.monotonic() - flight.since
+            why = f"it took more than {self.seconds:g} s" if took >= self.seconds else "its worker process died"
+            row = _failed(flight.source, f"{why}, twice: skipped")
+        except (OSError, TimeoutError, CancelledError):
+            raise
+        except Exception as error:
+            row = _failed(flight.source, f"{type(error).__name__}: {one_line(error)}")
+        self._write(row, flight)
+
+    def _write(self, row: Row, flight: Flight) -> None:
+        for name, content in row.files.items():
+            path = self.out / name
+            path.parent.mkdir(exist_ok=True)
+            with replacing(path) as temporary:
+                temporary.write_bytes(content)
+        sha256 = row.values.get("sha256")
+        values: dict[str, Any] = row.values
+        if row.values["status"] != "done" and row.values["error"] is None:  # its content has a row already
+            values = {**self.journal.row(self._entry(sha256)), "path": flight.source}
+        self.journal.add(values, flight.size, flight.modified)
+        self.computed += 1
+
+    def _entry(self, sha256: str | None) -> Entry:
+        return next(rows[sha256] for rows in self.journal.by_size.values() if sha256 in rows)
+
+    def _look(self) -> None:
+        """Whether the cluster is there, and how many threads it has."""
+        now = time.monotonic()
+        if now - self._looked < POLL:
+            return
+        self._looked = now
+        if self.client.status != "running":
+            raise LightdomeError(f"the Dask scheduler is gone; start it again, and {GO_ON}")
+        threads = sum(self.client.nthreads().values())
+        if threads:
+            self._last_worker = now
+        elif now - self._last_worker > ALONE:
+            raise LightdomeError(f"the Dask scheduler has had no worker for {ALONE:.0f} s; start some, and {GO_ON}")
+        self._most = max(AHEAD, AHEAD * threads)
+
+
+def rows(journal: Journal, sources: list[str]) -> Iterator[dict[str, Any]]:
+    """The rows of these maps in their order."""
+    return (journal.row(journal.entries[source]) for source in sources)
+
+
+def _stat(source: str) -> tuple[int | None, int | None]:
+    """Size and time of change, as far as they are known without reading."""
+    if is_url(source):
+        return None, None
+    try:
+        status = os.stat(source)  # noqa: PTH116
+    except OSError:
+        return None, None
+    return status.st_size, status.st_mtime_ns
+
+
+def _failed(source: str, why: str) -> Row:
+    return Row({"path": source, "status": "failed", "error": shown(why), "version": __version__})

@@ -1,0 +1,62 @@
+"""One page to look through a catalog, without a network: a plot, and a table that sorts and filters."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from ..files import replacing
+from .row import Options
+from .table import Rows
+
+# Of each column: its key on the page, the catalog's column, its heading, its width, its digits and what it says. A
+# column without a width is not shown; digits below 0 are those of a whole number.
+NUMBERS = (
+    ("width", "width_pixels", "width", "5.5rem", -1, "columns of pixels"),
+    ("range", "range_stops", "stops", "5rem", 1, "log2 of the largest luminance over the darkest, 1 % left out"),
+    ("concentration", "mean_direction_length", "concen-tration", "5.5rem", 2,
+     "0: light from everywhere, 1: from one direction"),
+    ("elevation", "sun_elevation_degrees", "sun at", "5rem", 1, "elevation of the sun in degrees"),
+    ("share", "sun_flux_share", "sun's share", "5.5rem", 3, "of the light"),
+    ("lights", "lights_relative_rmse", "lights' error", "5.5rem", 4, "relative RMSE of a sphere under the lights"),
+    ("harmonics", "harmonics_relative_rmse", "harmonics' error", "6.5rem", 4,
+     "relative RMSE of a sphere under the harmonics"),
+    ("samples", "samples_for_1_percent_error", "samples for 1 %", "7rem", -1, "independent ones"),
+)  # fmt: skip
+
+
+def write_page(path: Path, options: Options, rows: Rows) -> None:
+    """Write the page; rows go into it one at a time."""
+    shown = list(_columns(options))
+    names = [name for _, name in shown]
+    before, _, rest = files(__package__).joinpath("page.html").read_text(encoding="utf-8").partition("COLUMNS")
+    between, _, after = rest.partition("ROWS")
+    with replacing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        file.write(before + _json([column for column, _ in shown]) + between + "[")
+        for n, row in enumerate(rows()):
+            file.write((",\n" if n else "") + _json([row.get(name) for name in names]))
+        file.write("]" + after)
+
+
+def _columns(options: Options) -> Iterator[tuple[dict[str, Any], str]]:
+    """The page's columns, and the names of the catalog's."""
+    width = "var(--pictures)" if options.thumbnails else None
+    yield {"key": "thumbnail", "label": "picture", "width": width}, "thumbnail_file"
+    yield {"key": "sphere"}, "sphere_file"
+    yield {"key": "error"}, "error"
+    yield {"key": "path", "label": "map", "width": "minmax(12rem, 1fr)"}, "path"
+    yield {"key": "status", "label": "status", "width": "5.5rem"}, "status"
+    yield {"key": "format", "label": "format", "width": "6.5rem"}, "format"
+    yield {"key": "clipping", "label": "clipping", "width": "8.2rem"}, "clipping_verdict"
+    for key, name, label, width, digits, about in NUMBERS:
+        column = {"key": key, "label": label, "kind": "number", "width": width, "digits": digits, "about": about}
+        asked = {"lights": options.lights, "harmonics": options.harmonics is not None}.get(key, True)
+        yield {**column, **({} if asked else {"width": None})}, name
+
+
+def _json(value: object) -> str:
+    """JSON that ends no script element."""
+    return json.dumps(value, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c")

@@ -1,0 +1,85 @@
+"""Which maps a command line names: folders, files, globs, lists in text files, and URLs that fsspec reads."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from ..errors import LightdomeError, one_line
+from ..maps.images import READABLE
+
+
+def find(paths: Iterable[str]) -> list[str]:
+    """Absolute paths and URLs of maps, sorted, each once.
+
+    A folder stands for every .exr, .hdr and .pfm file below it that is not hidden. A .txt file holds one path, glob or
+    URL a line, relative to its folder. Raises :class:`LightdomeError` for what is not there, and where there is no map.
+    """
+    found = {source for path in paths for source in _found(path, Path.cwd())}
+    if not found:
+        raise LightdomeError(f"there are no maps: no file ends in {', '.join(READABLE)}")
+    return sorted(found)
+
+
+def is_url(source: str) -> bool:
+    """Whether fsspec reads it, and not the operating system."""
+    return "://" in source
+
+
+def _found(path: str, base: Path) -> Iterator[str]:
+    if is_url(path):
+        yield from _remote(path)
+        return
+    absolute = os.path.abspath(base / path)  # noqa: PTH100 - resolve() would follow links
+    if os.path.isdir(absolute):  # noqa: PTH112
+        yield from _below(absolute)
+    elif not os.path.exists(absolute) and glob.has_magic(path):  # noqa: PTH110
+        matches = glob.glob(absolute, recursive=True)  # noqa: PTH207 - of an absolute pattern
+        if not matches:
+            raise LightdomeError(f"no file matches {path}")
+        for match in matches:
+            yield from _below(match) if os.path.isdir(match) else [match]  # noqa: PTH112
+    elif absolute.lower().endswith(".txt"):
+        yield from _listed(Path(absolute))
+    else:
+        yield absolute  # one that cannot be read costs its own row
+
+
+def _below(folder: str) -> Iterator[str]:
+    for here, folders, files in os.walk(folder, followlinks=False):
+        folders[:] = (name for name in folders if not name.startswith("."))
+        yield from (f"{here}/{name}" for name in files if _is_map(name))
+
+
+def _listed(path: Path) -> Iterator[str]:
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeError) as error:
+        raise LightdomeError(f"cannot read the list of maps {path}: {one_line(error)}") from error
+    for line in filter(None, map(str.strip, lines)):
+        if line.lower().endswith(".txt"):
+            raise LightdomeError(f"{path} names another list, {line}; give both lists on the command line")
+        yield from _found(line, path.parent)
+
+
+def _remote(url: str) -> Iterator[str]:
+    import fsspec
+
+    try:
+        files, root = fsspec.core.url_to_fs(url)
+        if glob.has_magic(url):
+            matches = files.glob(root)
+        elif _is_map(url):
+            matches = [root]
+        else:
+            matches = [name for name in files.find(root) if _is_map(name)]
+        yield from (files.unstrip_protocol(name) for name in matches)
+    except Exception as error:  # each file system has its own
+        raise LightdomeError(f"cannot list {url}: {one_line(error)}") from error
+
+
+def _is_map(name: str) -> bool:
+    base = name.rpartition("/")[2]
+    return base.lower().endswith(READABLE) and not base.startswith(".")

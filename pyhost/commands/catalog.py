@@ -1,0 +1,198 @@
+"""A table of many maps: what is in each, a few lights, harmonics, pictures, and a page to look through them."""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import multiprocessing.util
+import os
+import re
+import shutil
+import tempfile
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .. import interrupts
+from ..errors import LightdomeError
+from ..files import abandon
+from ..names import LIGHT_FORMATS
+from . import cli
+
+if TYPE_CHECKING:
+    from ..catalog.cluster import Place
+    from ..catalog.computing import Run
+
+MOST = 2**22  # lights or samples of a map
+FOLDERS = ("lights", "samples", "thumbnails")
+
+
+def main() -> None:
+    parser = cli.parser(
+        "Make a table of many maps: what is in each, a few lights, harmonics, and how far off both are.\n\n"
+        "Writes catalog.parquet, catalog.csv and index.html, a page that needs no network. A map that cannot be read"
+        " costs its own row alone. Rows are kept as they come, and the same command goes on where it was stopped: only"
+        " new, changed and failed maps are computed.",
+        "maps --out out/catalog --thumbnails",
+    )
+    parser.add_argument(
+        "maps",
+        nargs="+",
+        metavar="PATH",
+        help="maps, folders with all below them, globs, .txt files with one of these a line, or URLs that fsspec reads",
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write into")
+    parser.add_argument("--lights", type=count, default=16, metavar="N", help="lights by median cut, 0 for none")
+    parser.add_argument(
+        "--harmonics", type=order, default=2, metavar="L", help="order of the harmonics, 0 to 64, or none"
+    )
+    parser.add_argument(
+        "--samples", type=count, default=0, metavar="N", help="Sobol samples of each map, as a file in samples/"
+    )
+    parser.add_argument(
+        "--light-files",
+        choices=LIGHT_FORMATS,
+        metavar="FORMAT",
+        help=f"write the lights of each map into lights/: {', '.join(LIGHT_FORMATS)}",
+    )
+    parser.add_argument(
+        "--thumbnails", action="store_true", help="write a picture of each map, and of a sphere under it: thumbnails/"
+    )
+    parser.add_argument(
+        "--workers", type=cli.positive_int, default=cores(), metavar="N", help="processes on this machine"
+    )
+    place = parser.add_mutually_exclusive_group()
+    place.add_argument("--scheduler", metavar="ADDRESS", help="compute on this Dask cluster: tcp://HOST:PORT")
+    place.add_argument("--scheduler-file", type=Path, metavar="FILE", help="the same, as its scheduler file says")
+    parser.add_argument(
+        "--tls",
+        type=Path,
+        nargs=3,
+        metavar=("CA", "CERT", "KEY"),
+        help="talk to the cluster over TLS: the authority's certificate, your own, and its key, as PEM",
+    )
+    parser.add_argument(
+        "--limit-memory",
+        default="4GB",
+        metavar="SIZE",
+        help="memory of a worker; maps that need more are read in bands",
+    )
+    parser.add_argument(
+        "--timeout",
+        type=cli.positive_float,
+        default=600,
+        metavar="SECONDS",
+        help="give a map up that takes longer to read, or to compute",
+    )
+    cli.device_option(parser)
+    args = parser.parse_args()
+    if args.light_files and not args.lights:
+        raise LightdomeError("--light-files needs lights: raise --lights above 0")
+
+    for needed in ("distributed", "pyarrow"):
+        try:
+            import_module(needed)
+        except ImportError as error:
+            raise LightdomeError(f"this needs {needed}: pip install 'lightdome[cluster]'") from error
+    catalog(args)
+
+
+def catalog(args: argparse.Namespace) -> None:
+    from dask.utils import parse_bytes
+
+    from ..catalog import sources, table
+    from ..catalog.cluster import Place
+    from ..catalog.columns import columns
+    from ..catalog.computing import Run, rows
+    from ..catalog.journal import Journal
+    from ..catalog.page import write_page
+    from ..catalog.row import Options
+
+    try:
+        memory = int(parse_bytes(args.limit_memory))
+    except ValueError as error:
+        raise LightdomeError(f"--limit-memory {args.limit_memory} is no size such as 4GB or 800MiB") from error
+    options = Options(
+        lights=args.lights,
+        harmonics=args.harmonics,
+        samples=args.samples,
+        light_format=args.light_files,
+        thumbnails=args.thumbnails,
+        device=args.device,
+        memory=memory,
+    )
+    for path in args.tls or ():
+        if not path.is_file():
+            raise LightdomeError(f"cannot read {path}, which --tls names: there is no such file")
+    threads = max(1, cores() // args.workers)
+    place = Place(args.workers, threads, memory, args.scheduler, args.scheduler_file, args.tls and tuple(args.tls))
+    maps = sources.find(args.maps)
+    out = cli.output_folder(args.out)
+    with Journal(out, options.key) as journal:
+        clear(out)
+        run = Run(maps, options, journal, out, args.timeout)
+        to_do = len(run.waiting)
+        if to_do:
+            compute(run, place)
+        wanted = columns(options)
+        table.write_parquet(out / "catalog.parquet", wanted, lambda: rows(journal, maps), len(maps))
+        table.write_csv(out / "catalog.csv", wanted, lambda: rows(journal, maps))
+        write_page(out / "index.html", options, lambda: rows(journal, maps))
+        failed = sum(not journal.entries[source].is_done for source in maps)
+    plural = "s" if len(maps) > 1 else ""
+    print(f"{len(maps)} map{plural}: {to_do} computed, {len(maps) - to_do} known from earlier runs, {failed} failed")
+    print(f"wrote {out / 'catalog.parquet'}, catalog.csv and index.html")
+
+
+def compute(run: Run, place: Place) -> None:
+    """Compute what is missing; where a signal stops it, say how to go on."""
+    from ..catalog.cluster import connected
+    from ..catalog.computing import GO_ON
+
+    with tempfile.TemporaryDirectory(prefix="lightdome-", ignore_cleanup_errors=True) as folder:
+
+        def stop() -> None:
+            for process in multiprocessing.active_children():
+                process.kill()
+            multiprocessing.util._run_finalizers(0)  # type: ignore[attr-defined] # else semaphores stay, and Python says so
+            abandon()
+            shutil.rmtree(folder, ignore_errors=True)
+            done = f"{run.computed} of {run.total} maps are done and kept; {GO_ON}\n"
+            os.write(2, done.encode())
+
+        take_back = interrupts.end_after(stop)
+        try:
+            with connected(place, folder) as client:
+                print(f"Dask's dashboard: {client.dashboard_link}")
+                run(client)
+        finally:
+            take_back()
+
+
+def cores() -> int:
+    """The processor cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def count(text: str) -> int:
+    """Argument type: a whole number, 0 to 4194304."""
+    value = 0 if text == "0" else cli.positive_int(text)
+    if value > MOST:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number from 0 to {MOST}")
+    return value
+
+
+def order(text: str) -> int | None:
+    """Argument type: a whole number, 0 to 64, or none."""
+    if text == "none":
+        return None
+    if not (text.isdecimal() and int(text) <= 64):
+        raise argparse.ArgumentTypeError(f"{text} is neither none nor a whole number from 0 to 64")
+    return int(text)
+
+
+def clear(out: Path) -> None:
+    """Remove what a run that was killed left unfinished."""
+    for path in [*out.glob(".*"), *(found for name in FOLDERS for found in (out / name).glob(".*"))]:
+        if re.fullmatch(r"\..+\.[0-9a-f]{8}(\..+)?", path.name):
+            shutil.rmtree(path) if path.is_dir() else path.unlink()

@@ -1,0 +1,409 @@
+"""``lightdome catalog``: one row for each map, the same for any number of workers, and going on where it stopped."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import LONG, stiff_radiance
+from lightdome.errors import LightdomeError
+from lightdome.lighting.harmonics import project
+from lightdome.lighting.median_cut import median_cut
+from lightdome.maps import analyse, convert
+from lightdome.maps.envmap import EnvironmentMap
+from lightdome.maps.images import ImageRows, write_image
+from lightdome.opencl.device import Device
+from lightdome.sampling.distribution import build_distribution
+
+pytest.importorskip("distributed")
+pq = pytest.importorskip("pyarrow.parquet")
+
+from distributed import Client, LocalCluster  # noqa: E402
+from lightdome.catalog import table  # noqa: E402
+from lightdome.catalog.columns import columns, of_analysis  # noqa: E402
+from lightdome.catalog.computing import Run, rows  # noqa: E402
+from lightdome.catalog.journal import NAME, Journal  # noqa: E402
+from lightdome.catalog.page import write_page  # noqa: E402
+from lightdome.catalog.row import Options, Row, averaged, fill, read  # noqa: E402
+from lightdome.catalog.sources import find  # noqa: E402
+
+slow = pytest.mark.slow
+
+
+@pytest.fixture
+def maps(tmp_path: Path) -> Path:
+    """Maps of several kinds, two of them damaged."""
+    folder = tmp_path / "maps"
+    (folder / "below").mkdir(parents=True)
+    for n in range(6):
+        write_image(folder / f"m{n}.{'exr' if n % 2 else 'pfm'}", stiff_radiance(8, 16, n))
+    write_image(folder / "below" / "probe.exr", convert(stiff_radiance(32, 64), "latlong", "angular", 32))
+    write_image(folder / "black.pfm", np.zeros((8, 16, 3), np.float32))
+    bad = stiff_radiance(8, 16)
+    bad[3, 4], bad[5, 6] = np.nan, np.inf
+    write_image(folder / "nan.exr", bad)
+    (folder / "cut.exr").write_bytes((folder / "m1.exr").read_bytes()[:200])
+    (folder / ".hidden.exr").write_bytes(b"")
+    (folder / "none.hdr").write_bytes(b"#?")
+    return folder
+
+
+def catalog(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "lightdome", "catalog", *map(str, arguments)]
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=LONG, env={**os.environ, **environment}, check=False
+    )
+
+
+def rows_of(out: Path) -> list[dict[str, Any]]:
+    """The table without times."""
+    table = pq.read_table(out / "catalog.parquet").to_pylist()
+    return [{name: value for name, value in row.items() if not name.startswith("seconds_")} for row in table]
+
+
+def filled(device: Device, path: Path, options: Options) -> Row:
+    row = Row({})
+    fill(row, read(path, options.memory), device, options, "name")
+    return row
+
+
+def test_a_row_is_what_the_library_says(device: Device, maps: Path) -> None:
+    """Bit for bit what ``analyse``, ``median_cut`` and ``project`` say of the same file."""
+    path = maps / "m2.pfm"
+    row = filled(device, path, Options(lights=4)).values
+    envmap = EnvironmentMap.read(path)
+    expected = of_analysis(analyse(path))
+    assert {name: row[name] for name in expected} == expected
+    lights = median_cut(build_distribution(device, envmap), 4)
+    assert [light["flux_green"] for light in row["lights"]] == lights.flux[:, 1].tolist()
+    assert [light["to_light_y"] for light in row["lights"]] == lights.direction[:, 1].tolist()
+    flat = project(device, envmap, 2).coefficients.ravel().tolist()
+    assert [value for name, value in row.items() if name.startswith("harmonics_") and "rmse" not in name] == flat
+    assert 0 < row["lights_relative_rmse"] < 1
+    assert 0 < row["harmonics_relative_rmse"] < 1
+
+
+def test_nothing_is_computed_that_is_not_asked_for(device: Device, maps: Path) -> None:
+    options = Options(lights=0, harmonics=None)
+    row = filled(device, maps / "m2.pfm", options)
+    assert not [name for name in row.values if "lights" in name or "harmonics" in name or "exact" in name]
+    assert not row.files
+    assert [name for name in (column.name for column in columns(options)) if name.startswith("seconds_")] == [
+        "seconds_hash",
+        "seconds_read",
+        "seconds_info",
+    ]
+
+
+def test_every_value_has_a_column_and_numbers_have_units(device: Device, maps: Path) -> None:
+    options = Options(samples=8, light_format="csv", thumbnails=True)
+    row = filled(device, maps / "nan.exr", options)
+    names = {column.name: column for column in columns(options)}
+    assert set(row.values) <= set(names)
+    assert {names[f"{kind}_file"].name for kind in options.files} <= set(row.values)
+    assert not [name for name, column in names.items() if column.kind in (int, float) and not column.unit][:-1]
+    assert (row.values["nan_pixels"], row.values["infinite_pixels"]) == (1, 1)
+
+
+def test_a_map_in_bands_has_the_same_analysis_and_flux(device: Device, tmp_path: Path) -> None:
+    radiance = stiff_radiance(64, 128)
+    write_image(tmp_path / "map.exr", radiance)
+    whole = filled(device, tmp_path / "map.exr", Options())
+    options = Options(memory=64 * 64 * 128 // 4)
+    found = read(tmp_path / "map.exr", options.memory)
+    assert (found.step, type(found.rows)) == (2, ImageRows)
+    banded = filled(device, tmp_path / "map.exr", options)
+    for name in ("flux_red_radiance_sr", "samples_for_1_percent_error", "width_pixels", "sun_direction_x"):
+        assert banded.values[name] == whole.values[name]
+    assert banded.values["notes"].endswith("averaged to 64 x 32")
+    assert banded.values["harmonics_0_red"] == pytest.approx(whole.values["harmonics_0_red"], rel=1e-4)
+    fluxes = [sum(light["flux_blue"] for light in row.values["lights"]) for row in (whole, banded)]
+    assert fluxes[0] == pytest.approx(fluxes[1], rel=1e-5)
+
+
+def test_averaging_keeps_the_flux_of_odd_sizes() -> None:
+    from lightdome.maps.geometry import solid_angles
+
+    radiance = stiff_radiance(21, 43)
+    small = averaged([(np.arange(9), radiance[:9]), (np.arange(9, 21), radiance[9:])], 21, 43, 7)
+    assert small.shape == (3, 7, 3)
+    whole = solid_angles(21, 43)
+    first = (radiance[:7, :7].astype(float) * whole[:7, None, None]).sum((0, 1)) / (7 * whole[:7].sum())
+    np.testing.assert_allclose(small[0, 0], first, rtol=1e-6)
+
+
+def test_sources_are_folders_files_globs_and_lists(maps: Path, tmp_path: Path) -> None:
+    everything = find([str(maps)])
+    assert [os.path.relpath(path, maps) for path in everything] == sorted(
+        ["below/probe.exr", "black.pfm", "cut.exr", "nan.exr", "none.hdr"]
+        + [f"m{n}.{'exr' if n % 2 else 'pfm'}" for n in range(6)]
+    )
+    assert find([f"{maps}/m?.pfm", str(maps / "m0.pfm")]) == [str(maps / f"m{n}.pfm") for n in (0, 2, 4)]
+    (tmp_path / "list.txt").write_text("maps/m1.exr\n\nmaps/below\n")
+    assert find([str(tmp_path / "list.txt")]) == [str(maps / "below" / "probe.exr"), str(maps / "m1.exr")]
+    assert find([f"file://{maps}/below"]) == [f"file://{maps}/below/probe.exr"]
+    for paths, words in (([f"{maps}/*.png"], "no file matches"), ([str(tmp_path / "no.txt")], "cannot read the list")):
+        with pytest.raises(LightdomeError, match=words):
+            find(paths)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(LightdomeError, match="no maps"):
+        find([str(tmp_path / "empty")])
+
+
+def journal_row(path: str, sha256: str = "ab") -> dict[str, Any]:
+    return {"path": path, "sha256": sha256, "status": "done", "value": 0.1}
+
+
+def test_the_journal_survives_a_line_that_was_cut_short(tmp_path: Path) -> None:
+    with Journal(tmp_path, "key") as journal:
+        journal.add(journal_row("a"), 1, 2)
+        journal.add(journal_row("b"), 1, 2)
+    content = (tmp_path / NAME).read_bytes()
+    for length in range(len(content) // 2 + 1, len(content)):
+        (tmp_path / NAME).write_bytes(content[:length])
+        with Journal(tmp_path, "key") as journal:
+            assert journal.entries.keys() == ({"a"} if length < len(content) - 1 else {"a", "b"})
+            journal.add(journal_row("c"), 1, 2)
+        with Journal(tmp_path, "key") as journal:
+            assert {"a", "c"} <= journal.entries.keys()
+            assert journal.row(journal.entries["c"]) == journal_row("c")
+    with Journal(tmp_path, "another key") as journal:
+        assert not journal.entries
+
+
+def test_a_journal_has_one_writer(tmp_path: Path) -> None:
+    pytest.importorskip("fcntl")
+    with Journal(tmp_path, "key"), pytest.raises(LightdomeError, match="another process"):
+        Journal(tmp_path, "key")
+
+
+def test_large_tables_are_partitioned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(table, "PARTITION", 4)
+    wanted = columns(Options(lights=0, harmonics=None))
+    path = tmp_path / "catalog.parquet"
+    for count in (3, 10, 9, 2):
+        made = [{"path": f"{n:03}", "size_bytes": n} for n in range(count)]
+        table.write_parquet(path, wanted, partial(iter, made), count)
+        assert pq.read_table(path).column("size_bytes").to_pylist() == list(range(count))
+        assert path.is_dir() == (count > 4)
+        assert list(tmp_path.iterdir()) == [path]
+    assert json.loads(pq.read_schema(path).metadata[b"units"])["size_bytes"] == "byte"
+
+
+@slow
+def test_the_table_is_the_same_for_any_number_of_workers(maps: Path, tmp_path: Path) -> None:
+    tables = []
+    for workers in (1, 2, 4):
+        out = tmp_path / f"out{workers}"
+        result = catalog(
+            maps, "--out", out, "--workers", workers, "--thumbnails", "--light-files", "csv", "--samples", 8
+        )
+        assert result.returncode == 0, result.stderr
+        tables.append(rows_of(out))
+    assert tables[0] == tables[1] == tables[2]
+    assert "11 maps: 11 computed, 0 known from earlier runs, 2 failed" in result.stdout
+    by_name = {Path(row["path"]).name: row for row in tables[0]}
+    assert [name for name, row in by_name.items() if row["status"] == "failed"] == ["cut.exr", "none.hdr"]
+    assert "cut.exr" in by_name["cut.exr"]["error"]
+    assert by_name["probe.exr"]["projection"] == "angular, resampled to latlong"
+    assert by_name["black.pfm"]["lights"] is None
+    for kind, folder in {"lights": "lights", "samples": "samples", "thumbnail": "thumbnails"}.items():
+        assert (out / by_name["m0.pfm"][f"{kind}_file"]).parent == out / folder
+        assert (out / by_name["m0.pfm"][f"{kind}_file"]).stat().st_size > 50
+    with (out / "catalog.csv").open(newline="") as file:
+        of_csv = {Path(row["path"]).name: row for row in csv.DictReader(file)}
+    assert float(of_csv["m3.exr"]["harmonics_8_blue"]) == by_name["m3.exr"]["harmonics_8_blue"]
+    assert json.loads(of_csv["m3.exr"]["lights"]) == by_name["m3.exr"]["lights"]
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[Client]:
+    """Of a cluster in this process."""
+    with (
+        LocalCluster(processes=False, n_workers=1, threads_per_worker=2, dashboard_address=None) as cluster,
+        Client(cluster, set_as_default=False) as client,
+    ):
+        yield client
+
+
+def run_here(client: Client, maps: Path, out: Path, options: Options) -> tuple[int, dict[str, dict[str, Any]]]:
+    """How many rows were computed, and all rows by the names of their maps."""
+    sources = find([str(maps)])
+    out.mkdir(exist_ok=True)
+    with Journal(out, options.key) as journal:
+        run = Run(sources, options, journal, out, LONG)
+        if run.waiting:
+            run(client)
+        return run.computed, {Path(row["path"]).name: row for row in rows(journal, sources)}
+
+
+def test_a_second_run_computes_what_is_new_changed_or_failed(client: Client, maps: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    computed, before = run_here(client, maps, out, Options())
+    assert computed == len(before) == 11
+    assert run_here(client, maps, out, Options())[0] == 2  # the damaged ones
+    (maps / "m0.pfm").touch()  # hashed, not computed
+    shutil.copy(maps / "m1.exr", maps / "copy.exr")
+    shutil.copy(maps / "m1.exr", maps / "cut.exr")
+    write_image(maps / "m2.pfm", stiff_radiance(8, 16, 99))
+    computed, after = run_here(client, maps, out, Options())
+    assert (computed, len(after)) == (5, 12)
+    assert {**after["copy.exr"], "path": 0} == {**after["m1.exr"], "path": 0} == {**after["cut.exr"], "path": 0}
+    assert after["m0.pfm"] == before["m0.pfm"]  # times too
+    assert after["m2.pfm"]["sha256"] != before["m2.pfm"]["sha256"]
+    assert run_here(client, maps, out, Options(lights=2))[0] == 12
+
+
+@slow
+def test_urls_are_read_over_a_loopback_server(maps: Path, tmp_path: Path) -> None:
+    pytest.importorskip("aiohttp")
+
+    class Quiet(SimpleHTTPRequestHandler):
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(maps))) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        base = f"http://127.0.0.1:{server.server_port}"
+        result = catalog(f"{base}/m1.exr", f"{base}/cut.exr", "--out", tmp_path / "out", "--workers", 1)
+        server.shutdown()
+    assert result.returncode == 0, result.stderr
+    cut, done = rows_of(tmp_path / "out")
+    assert (cut["status"], done["status"]) == ("failed", "done")
+    assert cut["error"].startswith(f"{base}/cut.exr")
+
+
+def test_file_urls_are_read_too(client: Client, maps: Path, tmp_path: Path) -> None:
+    options = Options(lights=2, harmonics=None)
+    out = tmp_path / "out"
+    out.mkdir()
+    sources = find([f"file://{maps}/below", str(maps / "below")])
+    with Journal(out, options.key) as journal:
+        Run(sources, options, journal, out, LONG)(client)
+        first, second = rows(journal, sources)
+    assert first["path"].startswith("/")
+    assert first["lights"] == second["lights"]
+    assert first["sha256"] == second["sha256"]
+
+
+def page_of(path: Path, count: int) -> None:
+    made = [
+        {
+            "path": f"/maps/map{n:05}.exr",
+            "status": "done" if n % 10 else "failed",
+            "error": None if n % 10 else "/maps: <b>damaged</b></script>",
+            "width_pixels": 1024 * (1 + n % 4),
+            "range_stops": (n * 37 % 1000) / 50 if n % 10 else None,
+            "mean_direction_length": (n * 91 % 1000) / 1000 if n % 10 else None,
+            "clipping_verdict": "clipped" if n % 3 else "not clipped",
+        }
+        for n in range(count)
+    ]
+    write_page(path, Options(), partial(iter, made))
+
+
+@slow
+def test_the_page_sorts_and_filters_ten_thousand_rows_in_a_browser(tmp_path: Path) -> None:
+    api = pytest.importorskip("playwright.sync_api")
+    browser = shutil.which("chromium")
+    if browser is None:
+        pytest.skip("needs chromium")
+    page_of(tmp_path / "index.html", 10_000)
+    with api.sync_playwright() as playwright:
+        window = playwright.chromium.launch(executable_path=browser, args=["--no-sandbox"]).new_page()
+        errors: list[object] = []
+        window.on("pageerror", lambda error: errors.append(error))
+        window.goto((tmp_path / "index.html").as_uri())
+        assert window.inner_text("h1") == "10,000 maps"
+        assert window.locator("#body .row").count() < 40
+        window.get_by_role("button", name="stops").click()
+        window.get_by_role("button", name="stops").click()
+        assert window.locator("#body .row").first.inner_text().startswith("map")
+        window.get_by_label("filter stops").fill(">19.9")
+        window.get_by_label("filter status").fill("done")
+        text = window.inner_text("#summary")
+        assert 0 < int(text.split()[0]) < 60, text
+        stops = [float(row.split("\n")[-2]) for row in window.locator("#body .row").all_inner_texts()]
+        assert stops == sorted(stops, reverse=True)
+        assert min(stops) > 19.9
+        window.get_by_label("filter stops").fill("")
+        window.get_by_label("filter status").fill("failed")
+        assert "<b>damaged</b>" in window.locator("#body .row").first.inner_text()
+        window.get_by_label("filter status").fill("")
+        window.evaluate("document.getElementById('view').scrollTop = 1e9")
+        window.wait_for_function("document.querySelector('#body .row:last-child').ariaRowIndex === '10001'")
+        assert not errors
+
+
+# A map of this name kills the process that opens it.
+DEADLY = """
+import ctypes, io
+opened = io.open
+def open_or_die(file, *more, **options):
+    if str(file).endswith("deadly.exr"):
+        ctypes.string_at(0)
+    return opened(file, *more, **options)
+io.open = open_or_die
+"""
+
+
+@slow
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_maps_that_kill_or_hang_their_worker_are_named_and_skipped(maps: Path, tmp_path: Path) -> None:
+    (tmp_path / "code").mkdir()
+    (tmp_path / "code" / "sitecustomize.py").write_text(DEADLY)
+    (maps / "deadly.exr").write_bytes(b"")
+    os.mkfifo(maps / "hanging.exr")  # which nobody writes to
+    path = os.pathsep.join(filter(None, [str(tmp_path / "code"), os.environ.get("PYTHONPATH")]))
+    result = catalog(maps, "--out", tmp_path / "out", "--workers", 1, "--timeout", 8, PYTHONPATH=path)
+    assert result.returncode == 0, result.stderr
+    assert "13 maps: 13 computed, 0 known from earlier runs, 4 failed" in result.stdout
+    errors = {Path(row["path"]).name: row["error"] for row in rows_of(tmp_path / "out")}
+    assert errors["deadly.exr"] == "its worker process died, twice: skipped"
+    assert errors["hanging.exr"] == "it took more than 8 s, twice: skipped"
+    assert errors["m0.pfm"] is None
+
+
+@slow
+def test_ctrl_c_ends_it_cleanly_and_says_how_to_go_on(tmp_path: Path) -> None:
+    (tmp_path / "maps").mkdir()
+    for n in range(60):
+        write_image(tmp_path / "maps" / f"m{n:02}.pfm", stiff_radiance(64, 128, n))
+    out = tmp_path / "out"
+    command = [
+        sys.executable,
+        "-m",
+        "lightdome",
+        "catalog",
+        str(tmp_path / "maps"),
+        "--out",
+        str(out),
+        "--workers",
+        "1",
+    ]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    while process.poll() is None and not ((out / NAME).exists() and (out / NAME).stat().st_size):
+        time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+    _, errors = process.communicate(timeout=LONG)
+    assert process.returncode == 130
+    assert re.search(r"^\d+ of 60 maps are done and kept; run the same command again to go on$", errors, re.MULTILINE)
+    assert "Traceback" not in errors
+    assert [path.name for path in out.iterdir()] == [NAME]
