@@ -85,13 +85,15 @@ class FolderCheck:
         A file that cannot be read has a row that says so. Raises :class:`LightdomeError` if there are no such files.
         """
         if not folder.is_dir():
-            raise LightdomeError(
-                f"cannot read {folder}: it is not a folder"
-                if folder.exists()
-                else f"cannot read {folder}: no such folder"
-            )
+            reason = "it is not a folder" if folder.exists() else "no such folder"
+            raise LightdomeError(f"cannot read {folder}: {reason}")
         known = (*READABLE, *PICTURES, ".npz", ".csv")
-        files = sorted(p for p in folder.rglob("*") if p.suffix.lower() in known and not p.name.startswith("."))
+        files = sorted(
+            path
+            for path in folder.rglob("*")
+            if path.suffix.lower() in known
+            and not any(part.startswith((".", "__MACOSX")) for part in path.relative_to(folder).parts)
+        )
         if not files:
             raise LightdomeError(
                 f"{folder} has no file that can be checked: expected names ending in {', '.join(known)}"

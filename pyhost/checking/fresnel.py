@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -263,8 +265,17 @@ def _mistakes(a: float, b: float) -> Iterator[tuple[str, Curve, str]]:
     def of(change: Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Curve:
         return lambda theta: change(*exact(theta)[1:])
 
-    def raw(scale: float, combine: Callable[[np.ndarray, np.ndarray], Curves]) -> Curve:
-        return lambda theta: combine(*_amplitudes(theta * scale, a, b))
+    def raw(combine: Callable[[np.ndarray, np.ndarray], Curves], nan: float = math.nan, scale: float = 1.0) -> Curve:
+        def curve(theta: np.ndarray) -> Curves:
+            return _map(lambda values: np.nan_to_num(values, nan=nan), combine(*_amplitudes(theta * scale, a, b)))
+
+        return curve
+
+    def averaged(mean: Callable[[np.ndarray, np.ndarray], np.ndarray], p: np.ndarray, s: np.ndarray) -> Curves:
+        return mean(p, s), p**2, s**2
+
+    def unsquared(sign: Callable[[np.ndarray], np.ndarray], p: np.ndarray, s: np.ndarray) -> Curves:
+        return sign(p + s) / 2, sign(p), sign(s)
 
     def squares(p: np.ndarray, s: np.ndarray) -> Curves:
         return (p**2 + s**2) / 2, p**2, s**2
@@ -291,41 +302,18 @@ def _mistakes(a: float, b: float) -> Iterator[tuple[str, Curve, str]]:
     yield "p and s added", of(lambda p, s: (p + s, p, s)), ""
     yield "transmittance for reflectance", of(lambda p, s: (1 - (p + s) / 2, 1 - p, 1 - s)), ""
     yield "percent", of(lambda p, s: (50 * (p + s), 100 * p, 100 * s)), ""
-    for combine in (
+    means = (
         lambda p, s: ((p + s) / 2) ** 2,
         lambda p, s: ((p - s) / 2) ** 2,
         lambda p, s: ((np.abs(p) + np.abs(s)) / 2) ** 2,
-    ):
-        for missing in (math.nan, 1.0):
-            yield "amplitudes averaged", raw(1, _averaged(combine, missing)), ""
-    for sign in (np.abs, np.positive, np.negative):
-        for missing in (math.nan, 1.0):
-            yield "amplitudes not squared", raw(1, _unsquared(sign, missing)), ""
-    yield "degrees used as radians", raw(180 / math.pi, squares), ""
-    yield (
-        "degrees used as radians",
-        raw(180 / math.pi, lambda p, s: _filled((p**2 + s**2) / 2, p**2, s**2, nan=1)),
-        "",
     )
-    yield "radians converted twice", raw(math.pi / 180, squares), ""
-
-
-def _filled(*curves: np.ndarray, nan: float) -> Curves:
-    return _map(lambda values: np.nan_to_num(values, nan=nan), curves)
-
-
-def _averaged(combine: Callable[[np.ndarray, np.ndarray], np.ndarray], missing: float) -> Callable[..., Curves]:
-    def curves(p: np.ndarray, s: np.ndarray) -> Curves:
-        return _filled(combine(p, s), p**2, s**2, nan=missing)
-
-    return curves
-
-
-def _unsquared(sign: Callable[[np.ndarray], np.ndarray], missing: float) -> Callable[..., Curves]:
-    def curves(p: np.ndarray, s: np.ndarray) -> Curves:
-        return _filled(sign(p + s) / 2, sign(p), sign(s), nan=missing)
-
-    return curves
+    for mean, nan in product(means, (math.nan, 1.0)):
+        yield "amplitudes averaged", raw(partial(averaged, mean), nan), ""
+    for sign, nan in product((np.abs, np.positive, np.negative), (math.nan, 1.0)):
+        yield "amplitudes not squared", raw(partial(unsquared, sign), nan), ""
+    yield "degrees used as radians", raw(squares, scale=180 / math.pi), ""
+    yield "degrees used as radians", raw(squares, 1.0, 180 / math.pi), ""
+    yield "radians converted twice", raw(squares, scale=math.pi / 180), ""
 
 
 def _other_index(theta: np.ndarray, given: Curves, leaving: bool) -> float | None:

@@ -634,15 +634,12 @@ class _Check:
             said.append(best.orientation.told())
         factor = self.factor(best)
         if best.factors and self.linear and not any(cause.any_brightness for cause in best.causes):
-            said.append(self._brightness(factor) if best.factors == 1 else self._colours(factor))
+            if best.factors == 1:
+                reason = self._reason(float(factor[0])) or "; no known mistake explains it"
+                said.append(f"{factor[0]:.4g} times too bright{reason}")
+            else:
+                said.append("red {:.4g}, green {:.4g}, blue {:.4g} times too bright, otherwise right".format(*factor))
         return "; ".join(said) or "only the brightness is wrong"
-
-    def _colours(self, factor: np.ndarray) -> str:
-        return "red {:.4g}, green {:.4g}, blue {:.4g} times too bright, otherwise right".format(*factor)
-
-    def _brightness(self, factors: np.ndarray) -> str:
-        factor = float(factors[0])
-        return f"{factor:.4g} times too bright{self._reason(factor) or '; no known mistake explains it'}"
 
     def _reason(self, factor: float) -> str:
         """ ": " and why an image may be ``factor`` times too bright, or ""."""

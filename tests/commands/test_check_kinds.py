@@ -65,6 +65,8 @@ def folder(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Path:
     np.savetxt(hand_ins / "curve.csv", table, delimiter=",", header="angle_degrees,p,s", comments="")
     (hand_ins / "broken.exr").write_bytes(b"nothing")
     write_image(hand_ins / "tiny_4.pfm", image[:8, :8])
+    (hand_ins / ".cache").mkdir()
+    (hand_ins / ".cache" / "copy.csv").write_text("hidden")
     (hand_ins / "notes.txt").write_text("not a hand-in")
     return made
 
