@@ -284,9 +284,9 @@ def _html_row(row: Row) -> str:
 def _explained(row: Row) -> Iterator[str]:
     yield html.escape(row.verdict)
     for cause in row.causes:
-        of = f" ({html.escape(cause.name)})" if len(row.causes) > 1 else ""
-        yield f'<span class="where">Seen{of}: {html.escape(cause.seen)}.</span>'
-        yield f'<span class="where">Where{of}: {html.escape(cause.where)}.</span>'
+        of = f"{cause.name}: " if len(row.causes) > 1 else ""
+        yield f'<span class="where">Seen: {html.escape(of + cause.seen)}.</span>'
+        yield f'<span class="where">Look: {html.escape(of + cause.where)}.</span>'
 
 
 def _figure(caption: str, kind: str, content: bytes) -> str:

@@ -14,7 +14,7 @@ from ..maps.geometry import row_angles
 
 Law = Callable[[np.ndarray], np.ndarray]  # from radiance (H, W, 3) to weights (H, W)
 
-# Changes of the map's values by mistake.
+# How a program may change the map's values by mistake.
 CHANGES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "map clipped to 1": lambda L: np.minimum(L, 1),
     "map clipped to 255": lambda L: np.minimum(L, 255),

@@ -94,11 +94,11 @@ def image_lines(check: ImageCheck) -> Iterator[str]:
 
 
 def _explanations(check: Finding) -> Iterator[tuple[str, str]]:
-    """How each of the causes is seen, and where in the code it is made."""
+    """How each of the causes is seen, and where in the code to look for it."""
     for cause in check.causes:
         of = f"{cause.name}: " if len(check.causes) > 1 else ""
         yield "seen", of + cause.seen
-        yield "where", of + cause.where
+        yield "look", of + cause.where
 
 
 def _line(label: str, text: str) -> str:
