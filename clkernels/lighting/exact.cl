@@ -18,7 +18,9 @@
 #include "lighting/arc.clh"
 #include "lighting/sphere.clh"
 
-kernel void exact(global const arc *restrict arcs,
+#define PLAIN_ROWS 64  // whose sum is in single precision
+
+kernel void exact(global const stored_arc *restrict arcs,
                   global const float *restrict half_arc,
                   const uint width,
                   const uint height,
@@ -28,7 +30,9 @@ kernel void exact(global const arc *restrict arcs,
                   global const uint2 *restrict tiles,
                   global float *restrict sum)
 {
-    const uint2 tile = tiles[get_global_id(0)];
+    const uint2 tile = own_tile(tiles);
+    if (WIDTH == 1 && pixel_normal(tile.x, tile.y, resolution).z <= 0.0f)
+        return;
     const size_t half_width = (width + 1) / 2, stride = half_width + width + 1;
     wide n_x, n_z;
     float n_y;
@@ -36,32 +40,35 @@ kernel void exact(global const arc *restrict arcs,
     const wide centre = turns(n_z, n_x) * (float)width - 0.5f;  // the normals' azimuths in columns
 
     half_arc += (size_t)tile.y * height + first;
-    arc matrix[WIDTH];
-    for (int k = 0; k < WIDTH; ++k)
-        matrix[k] = 0.0f;
-    arc whole = 0.0f;
-    for (uint r = 0; r < rows; ++r) {
-        global const arc *row = arcs + (r * stride + half_width) * 2;
-        const float h = half_arc[r];
-        if (h <= 0.0f)
-            continue;
-        if (h >= 0.5f * width) {
-            whole += arc_between(row, 0, width);
-            continue;
-        }
-        int begin[WIDTH], end[WIDTH];
-        STORE_WIDE(to_wide_int(ceil(centre - h)), begin);
-        STORE_WIDE(to_wide_int(floor(centre + h)) + 1, end);
-#pragma unroll
+    for (uint begin_row = 0; begin_row < rows; begin_row += PLAIN_ROWS) {
+        const uint end_row = min(begin_row + PLAIN_ROWS, rows);
+        arc matrix[WIDTH];
         for (int k = 0; k < WIDTH; ++k)
-            matrix[k] += arc_between(row, begin[k], end[k]);
-    }
+            matrix[k] = 0.0f;
+        arc whole = 0.0f;
+        for (uint r = begin_row; r < end_row; ++r) {
+            global const stored_arc *row = arc_row(arcs, r, half_width, stride);
+            const float h = half_arc[r];
+            if (h <= 0.0f)
+                continue;
+            if (h >= 0.5f * width) {
+                whole += arc_between(row, stride, 0, width);
+                continue;
+            }
+            int begin[WIDTH], end[WIDTH];
+            STORE_WIDE(to_wide_int(ceil(centre - h)), begin);
+            STORE_WIDE(to_wide_int(floor(centre + h)) + 1, end);
+#pragma unroll
+            for (int k = 0; k < WIDTH; ++k)
+                matrix[k] += arc_between(row, stride, begin[k], end[k]);
+        }
 
-    for (int k = 0; k < WIDTH; ++k) {
-        const uint x = tile.x + k;
-        const float3 n = pixel_normal(x, tile.y, resolution);
-        if (x >= resolution || n.z <= 0.0f)
-            continue;
-        add_to_pixel(light_of(n, matrix[k] + whole), (size_t)tile.y * resolution + x, resolution, sum);
+        for (int k = 0; k < WIDTH; ++k) {
+            const uint x = tile.x + k;
+            const float3 n = pixel_normal(x, tile.y, resolution);
+            if (x >= resolution || n.z <= 0.0f)
+                continue;
+            add_to_pixel(light_of(n, matrix[k] + whole), (size_t)tile.y * resolution + x, resolution, sum);
+        }
     }
 }

@@ -67,7 +67,7 @@ static inline void add_column(private colour *cut, global const float *row, int 
         cut[k] += radiance_at(row, at[k]) * by[k];
 }
 
-kernel void exact_areas(global const arc *restrict arcs,
+kernel void exact_areas(global const stored_arc *restrict arcs,
                         global const float *restrict radiance,
                         const float scale,
                         global const float *restrict bounds,
@@ -80,7 +80,9 @@ kernel void exact_areas(global const arc *restrict arcs,
                         global const uint2 *restrict tiles,
                         global float *restrict sum)
 {
-    const uint2 tile = tiles[get_global_id(0)];
+    const uint2 tile = own_tile(tiles);
+    if (WIDTH == 1 && pixel_normal(tile.x, tile.y, resolution).z <= 0.0f)
+        return;
     const size_t half_width = (width + 1) / 2, stride = half_width + width + 1;
     wide n_x, n_z;
     float n_y;
@@ -98,14 +100,14 @@ kernel void exact_areas(global const arc *restrict arcs,
     }
     arc whole = 0.0f;
     for (uint r = 0; r < rows; ++r) {
-        global const arc *row = arcs + (r * stride + half_width) * 2;
+        global const stored_arc *row = arc_row(arcs, r, half_width, stride);
         global const float *L = radiance + (size_t)r * width * 3;
         const float4 of_row = vload4(r, bounds);  // the host's memory need not be aligned to vectors
         const float h_0 = of_row.x, h_1 = of_row.y;
         if (h_1 <= 0.0f)
             continue;
         if (h_0 >= 0.5f * width) {
-            whole += arc_between(row, 0, width);
+            whole += arc_between(row, stride, 0, width);
             continue;
         }
         const wide_int begin = to_wide_int(ceil(centre - h_0)), end = to_wide_int(floor(centre + h_0));
@@ -115,7 +117,7 @@ kernel void exact_areas(global const arc *restrict arcs,
             STORE_WIDE(end, to);
 #pragma unroll
             for (int k = 0; k < WIDTH; ++k)
-                matrix[k] += arc_between(row, from[k], to[k]);
+                matrix[k] += arc_between(row, stride, from[k], to[k]);
         }
 
         global const float *p = polynomials + (size_t)start[r] * 8;

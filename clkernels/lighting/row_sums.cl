@@ -3,7 +3,7 @@
 //     q(x, y) = round(f(x, y) sin(theta_y) 2^k), f = scale (R + G + B): the light of a pixel
 //     energy(x, y) = sum over i <= x of min(q(i, y), cap)
 //     lit(x, y)    = number of i <= x with q(i, y) > 0
-//     row(y)       = (sum of the q <= cap, number of q > cap, number of q > 0)
+//     row(y)       = (sum of the q <= cap, number of q > cap, number of q > 0, largest q)
 //
 // 2^k keeps the sum over the map below 2^63, so all sums and differences are exact, in any order, whatever the range
 // of the map. column_sums.cl completes the table.
@@ -45,10 +45,13 @@ kernel void row_sums(global const float *restrict radiance,
 
     ulong below = 0, heavy = 0, energy_carry = 0;
     uint lit_carry = 0;
+    float largest = 0.0f;
     const uint whole = width - width % LANES;
     ulong16 below16 = 0ul, heavy16 = 0ul;
+    float16 largest16 = 0.0f;
     for (uint x = 0; x < whole; x += LANES) {
         const float16 f = weights(radiance + 3 * (size_t)x, scale) * sine;
+        largest16 = fmax(largest16, f);
         const ulong16 q = convert_ulong16(convert_long16(f * quantum.x * quantum.y + 0.5f));
         const ulong16 over = as_ulong16(q > cap);  // all bits where true
         below16 += q & ~over;
@@ -66,6 +69,7 @@ kernel void row_sums(global const float *restrict radiance,
     }
     for (uint x = whole; x < width; ++x) {
         const float f = weight(radiance + 3 * (size_t)x, scale) * sine;
+        largest = fmax(largest, f);
         const ulong q = (ulong)(long)(f * quantum.x * quantum.y + 0.5f);
         below += q > cap ? 0 : q;
         heavy += q > cap;
@@ -77,5 +81,9 @@ kernel void row_sums(global const float *restrict radiance,
 
     SCAN_LANES(ulong, below16);
     SCAN_LANES(ulong, heavy16);
-    vstore3((ulong3)(below + below16.sf, heavy + heavy16.sf, lit_carry), y, row);
+    const float8 largest8 = fmax(largest16.lo, largest16.hi);
+    const float4 largest4 = fmax(largest8.lo, largest8.hi);
+    largest = fmax(largest, fmax(fmax(largest4.x, largest4.y), fmax(largest4.z, largest4.w)));
+    const ulong largest_q = (ulong)(long)(largest * quantum.x * quantum.y + 0.5f);
+    vstore4((ulong4)(below + below16.sf, heavy + heavy16.sf, lit_carry, largest_q), y, row);
 }

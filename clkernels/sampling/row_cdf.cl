@@ -15,37 +15,7 @@
 // One work-item per row: the first pass reads the map once, sums the weights and leaves them in `cdf`, the second turns
 // them into prefix sums while they are still in the cache.
 
-#include "common/prefix_sum.clh"
-
-// f of 16 pixels, and of one.
-static inline float16 weights_above(global const float *rgb, float scale, float offset)
-{
-#ifdef PLAIN
-    return weights(rgb, 1.0f);
-#else
-    return fmax(weights(rgb, scale) - offset, 0.0f);
-#endif
-}
-
-static inline float weight_above(global const float *rgb, float scale, float offset)
-{
-#ifdef PLAIN
-    return weight(rgb, 1.0f);
-#else
-    return fmax(weight(rgb, scale) - offset, 0.0f);
-#endif
-}
-
-// The sum of 16 double words, always by the same tree: lanes 8, 4, 2 and 1 apart are added, cyclically, so that in the
-// end every lane holds it.
-static inline float2 sum_of_double_words(float16 hi, float16 lo)
-{
-    DOUBLE_WORD_SUM(float16, hi, lo, BEFORE_8(float, hi, hi), BEFORE_8(float, lo, lo));
-    DOUBLE_WORD_SUM(float16, hi, lo, BEFORE_4(float, hi, hi), BEFORE_4(float, lo, lo));
-    DOUBLE_WORD_SUM(float16, hi, lo, BEFORE_2(float, hi, hi), BEFORE_2(float, lo, lo));
-    DOUBLE_WORD_SUM(float16, hi, lo, BEFORE_1(float, hi, hi), BEFORE_1(float, lo, lo));
-    return (float2)(hi.s0, lo.s0);
-}
+#include "sampling/row_weights.clh"
 
 kernel void row_cdf(global const float *restrict radiance,
                     const uint width,

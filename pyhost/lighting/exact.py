@@ -22,9 +22,11 @@ from ..progress import Progress
 from ..sampling.device_map import DeviceMap
 from .horizon import LEAST_SHAPE, area_moments, horizon_tables
 
-# The image is summed over bands of map rows: a band in single precision, the sum over bands in double words.
-ARCS_ROWS = 64  # most in a band
+# The image is summed over bands of map rows: 64 rows at most in single precision, the sum of these in double words.
+ARCS_ROWS = 64  # most in a band, but for centres on a GPU
 ARCS_BYTES = 2**22  # most for a band's prefix sums: about a second-level cache
+GPU_ARCS_BYTES = 2**26  # the same on a GPU
+GPU_PATCH = 16, 16  # pixels of a group, see clkernels/lighting/sphere.clh
 # Part of the key of kept images: change it when the camera or a map's orientation changes.
 CONVENTION = "row 0 up, phi from +x to +z, camera along -z"
 KERNELS = {"centres": "lighting/exact", "areas": "lighting/exact_areas"}  # they sum over the arcs of rows
@@ -38,7 +40,8 @@ def exact_kept(
     checks.instance("the map", envmap, EnvironmentMap)
     resolution = check_resolution(resolution)
     checks.choice("pixels", pixels, PIXELS)
-    kernels = [device.programs.text(name) for name in ("lighting/arc_sums", KERNELS[pixels])]
+    arcs = "lighting/arc_sums_grouped" if device.is_gpu else "lighting/arc_sums"
+    kernels = [device.programs.text(name) for name in (arcs, KERNELS[pixels])]
     of_map = str(envmap.radiance.shape), envmap.radiance.data
     key = key_of(CONVENTION, __version__, *kernels, pixels, str(resolution), *of_map)
     shape = (resolution, resolution, 3)
@@ -72,11 +75,12 @@ def exact(
     if areas:
         of_map = _split(of_map)
     height, width, scale = of_map.height, of_map.width, of_map.scale
-    lanes = device.vector_width
     rows = memory.upload(device, area_moments(height, width)) if areas else of_map.theta
     row_weight = memory.upload(device, (scale / np.pi * of_map.solid_angles).astype(np.float32))
     half_arc = None if areas else memory.upload(device, _half_arcs(of_map.row_angles, width, resolution))
-    tiles = disc_tiles(resolution, lanes, 1)
+    lanes = device.vector_width
+    pixels_across, pixels_down = GPU_PATCH if device.is_gpu else (lanes, 1)
+    tiles = disc_tiles(resolution, pixels_across, pixels_down)
     tile_buffer = memory.upload(device, tiles)
     line = (width + 1) // 2 + width + 1
     grey = of_map.is_grey
@@ -84,9 +88,10 @@ def exact(
         device.decisions.skip("separate channels", "the map is grey")
     else:
         device.decisions.use("separate channels", "the map is in colour")
-    note_tiles(device.decisions, tiles, resolution, lanes, 1)
-    word = 4 if grey else 16  # floats
-    band = max(2, min(height, ARCS_ROWS, ARCS_BYTES // (8 * word * line)))
+    note_tiles(device.decisions, tiles, resolution, pixels_across, pixels_down)
+    word = 4 if grey else 12 if device.is_gpu else 16  # floats
+    most = GPU_ARCS_BYTES if device.is_gpu else ARCS_BYTES
+    band = max(2, min(height, height if device.is_gpu and not areas else ARCS_ROWS, most // (8 * word * line)))
     arcs = memory.empty(device, (band, line, 2, word), np.float32)
     total = memory.zeros(device, (2, resolution, resolution, 3), np.float32)
 
@@ -94,9 +99,9 @@ def exact(
     with Progress("summing the map") as progress:
         for first in range(0, height, band):
             count = min(band, height - first)
-            device.launch(
+            device.launch_rows(
                 "lighting/arc_sums",
-                (count,),
+                count,
                 stage="arc sums",
                 defines=defines,
                 radiance=of_map.radiance,
@@ -122,7 +127,8 @@ def exact(
                 of_rows = {"half_arc": half_arc, "height": height}
             device.launch(
                 KERNELS[pixels],
-                (len(tiles),),
+                (len(tiles) * (pixels_across * pixels_down // lanes),),
+                group=pixels_across * pixels_down if device.is_gpu else None,
                 stage="exact",
                 defines={"WIDTH": lanes, **defines},
                 arcs=arcs,

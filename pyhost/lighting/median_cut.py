@@ -113,14 +113,14 @@ def _table(distribution: Distribution, count: int) -> tuple[DeviceArray, DeviceA
     height, width = of_map.height, of_map.width
     energy = memory.empty(device, (height, width), np.uint64)
     lit = memory.empty(device, (height, width), np.uint32)
-    row = memory.empty(device, (height, 3), np.uint64)
+    row = memory.empty(device, (height, 4), np.uint64)
     exponent = 62 - math.frexp(distribution.total)[1]
     quantum = 2.0 ** (exponent // 2), 2.0 ** (exponent - exponent // 2)
 
-    def sum_rows(cap: int) -> list[int]:
-        device.launch(
+    def sum_rows(cap: int) -> tuple[int, int, int, int]:
+        device.launch_rows(
             "lighting/row_sums",
-            (height,),
+            height,
             stage="row sums",
             radiance=of_map.radiance,
             sin_theta=of_map.sin_theta,
@@ -132,15 +132,17 @@ def _table(distribution: Distribution, count: int) -> tuple[DeviceArray, DeviceA
             lit=lit,
             row=row,
         )
-        return [int(n) for n in memory.download(device, row).sum(axis=0)]
+        *sums, largest = memory.download(device, row).T
+        below, heavy, lit_pixels = (int(n.sum()) for n in sums)
+        return below, heavy, lit_pixels, int(largest.max())
 
     # The cap is the share of each light: N cap = sum of min(q, cap). Newton's method, on this piecewise linear
-    # function, reaches it from above in a few steps.
-    total, _, lit_pixels = sum_rows(UNCAPPED)
+    # function, reaches it from above in a few steps. Where no pixel is above the cap, the first table is the right one.
+    total, _, lit_pixels, largest = sum_rows(UNCAPPED)
     count = min(count, lit_pixels)
     cap = total // count
-    while True:
-        below, heavy, _ = sum_rows(cap)
+    while largest > cap:
+        below, heavy, *_ = sum_rows(cap)
         if heavy == 0 or heavy >= count:
             break
         lower = max(1, below // (count - heavy))
@@ -148,10 +150,10 @@ def _table(distribution: Distribution, count: int) -> tuple[DeviceArray, DeviceA
             break
         cap = lower
 
-    columns = 1 if device.is_gpu else 16
-    device.launch(
+    columns = 16
+    device.launch_rows(
         "lighting/column_sums",
-        (-(-width // columns),),
+        -(-width // columns),
         stage="column sums",
         defines={"COLUMNS": columns},
         width=width,

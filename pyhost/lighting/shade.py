@@ -3,7 +3,7 @@
 Pixel (i, j) of an R x R image has n_x = (2i + 1 - R) / R, n_y = (R - 2j - 1) / R and
 n_z = sqrt(1 - n_x^2 - n_y^2); image x to the right is +x, image y upward is +y. The surface is
 convex, so visibility is 1 and no ray is traced. Kernels: ``shade_tiles.cl`` with ``light_groups.cl`` on a CPU,
-``shade.cl`` on a GPU.
+``shade_grouped.cl`` on a GPU; ``shade.cl`` is a CPU's brute force.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from .exact import exact
 
 LANES = 16  # pixels across a tile, and lights in a vector, see clkernels/lighting/shade_tiles.cl
 TILE_ROWS = 16
+GPU_TILE = 8, 32  # pixels across and down that a group of work-items shares, see clkernels/lighting/shade_grouped.cl
 PAIRS_PER_LAUNCH = 2**33  # pixels x lights between two updates of the progress line
 SAMPLES_PER_ROW = 320  # samples per map row above which shading the summed map is faster
 
@@ -91,6 +92,7 @@ def _shade(
     if exponent:
         reflected = np.ldexp(reflected, -exponent)
     defines = {}
+    lights: dict[str, Any]
     if (reflected[:, 1:] == reflected[:, :1]).all():
         reflected = reflected[:, :1]
         device.decisions.skip("separate channels", "the lights are grey")
@@ -100,12 +102,17 @@ def _shade(
     light = np.concatenate([direction, reflected], axis=1, dtype=np.float32, casting="same_kind")
     # Allocated first, as the largest: if the device has no room for it, this fails at once.
     image = memory.zeros(device, (resolution, resolution, 3), np.float32)
-    # One place decides: a CPU skips pairs of pixel and light tile by tile, a GPU has one work-item per pixel.
+    # One place decides: a CPU skips pairs of pixel and light tile by tile, a GPU takes them all.
     if brute_force or device.is_gpu:
-        pixels, rows = device.vector_width, 1
-        kernel, defines = "lighting/shade", {"WIDTH": pixels, "ROWS": rows, **defines}
-        lights: dict[str, Any] = {"lights": memory.upload(device, light), "light_count": len(light)}
-        why = "it was asked for" if brute_force else "a GPU has one work-item per pixel"
+        kernel, lights = "lighting/shade", {"light_count": len(light)}
+        if device.is_gpu:
+            pixels, rows = GPU_TILE
+            lights["lights"] = memory.upload(device, _padded(light))
+        else:
+            pixels, rows = LANES, 1
+            defines = {"WIDTH": pixels, "ROWS": rows, **defines}
+            lights["lights"] = memory.upload(device, light)
+        why = "it was asked for" if brute_force else "a GPU's work-items share every light that they read"
         device.decisions.use("brute force over pairs of pixel and light", why)
     else:
         pixels, rows = LANES, TILE_ROWS
@@ -115,9 +122,9 @@ def _shade(
         device.decisions.skip("brute force over pairs of pixel and light", why)
     tiles = disc_tiles(resolution, pixels, rows)
     note_tiles(device.decisions, tiles, resolution, pixels, rows)
-    device.launch(
+    device.launch_rows(
         kernel,
-        (len(tiles),),
+        len(tiles),
         stage="shade",
         defines=defines,
         step=device.items_per_launch(PAIRS_PER_LAUNCH, len(light) * pixels * rows),
@@ -129,6 +136,15 @@ def _shade(
     )
     result = memory.download(device, image)
     return to_float32(result, exponent) if exponent else result
+
+
+def _padded(light: np.ndarray) -> np.ndarray:
+    """Lights (N, 6), grey ones (N, 4), as ``shade_grouped.cl`` takes them: in vectors of 4 floats."""
+    if light.shape[1] == 4:
+        return light
+    padded = np.zeros((len(light), 8), np.float32)
+    padded[:, :3], padded[:, 4:7] = light[:, :3], light[:, 3:]
+    return padded
 
 
 def _grouped(device: Device, light: np.ndarray, defines: dict[str, int]) -> dict[str, Any]:

@@ -33,6 +33,7 @@ with warnings.catch_warnings():
     import pyopencl as cl
 
 from .launch import launch as launch_kernel
+from .launch import launch_rows as launch_kernel_by_rows
 from .profile import Profile
 from .programs import Kernel, Programs, check_process
 from .rates import Rates
@@ -95,6 +96,7 @@ class Device:
         return self.programs.kernel(name, **defines)
 
     launch = launch_kernel
+    launch_rows = launch_kernel_by_rows
 
     def wait(self) -> None:
         """Wait until everything launched so far is done."""

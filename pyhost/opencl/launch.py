@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..progress import Progress
 from .memory import DeviceArray
@@ -12,6 +13,8 @@ from .memory import DeviceArray
 if TYPE_CHECKING:
     from .device import Device
     from .signature import Argument
+
+GROUP = 256  # work-items of a GPU that share local memory
 
 
 def launch(
@@ -65,6 +68,31 @@ def launch(
             if line:
                 device.wait()
                 line.update(end / length)
+
+
+def launch_rows(
+    device: Device,
+    name: str,
+    count: int | tuple[int, int],
+    /,
+    *,
+    defines: Mapping[str, int] | None = None,
+    step: int | None = None,
+    group: int = GROUP,
+    **options: Any,
+) -> None:
+    """:func:`launch` a kernel that does ``count`` rows, or parts of a map, in the variant for the device.
+
+    A CPU has a work-item for each, of the kernel ``name``; a GPU has ``group`` work-items for each, of ``name`` with
+    ``_grouped`` after it. ``step`` counts rows. A ``count`` may be across and down; a GPU numbers its groups through.
+    """
+    size = (count,) if isinstance(count, int) else count
+    if not device.is_gpu:
+        launch(device, name, size, defines=defines, step=step, **options)
+        return
+    defines = {"GROUP": group, **(defines or {})}
+    step = step and step * group
+    launch(device, f"{name}_grouped", (math.prod(size) * group,), defines=defines, group=group, step=step, **options)
 
 
 def _check(name: str, size: tuple[int, ...], group: int | None, step: int | None) -> None:

@@ -63,7 +63,7 @@ def build_product_cdfs(distribution: Distribution, resolution: int, areas: bool 
     cell_marginal_cdf = memory.empty(device, (across, of_map.height), np.uint32)
     flux = memory.empty(device, (down, across), np.float32)
     cell_cones = memory.empty(device, (down, across, 4), np.float32)
-    device.launch(
+    device.launch_rows(
         "rendering/cells",
         (across, down),
         radiance=of_map.radiance,
@@ -86,7 +86,7 @@ def build_product_cdfs(distribution: Distribution, resolution: int, areas: bool 
     tile_total = memory.zeros(device, (count, count), np.float32)
     tile_row_cdf = memory.empty(device, (count, count, down, across), np.uint32)
     tile_marginal_cdf = memory.empty(device, (count, count, down), np.uint32)
-    device.launch(
+    device.launch_rows(
         "rendering/product_cdf",
         (count, count),
         stage="product cdf",

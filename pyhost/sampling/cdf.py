@@ -64,9 +64,10 @@ def build_row_cdfs(of_map: DeviceMap, offset: float = 0.0, out: RowCDFs | None =
     else:
         why = "their sums would leave float32's range" if of_map.scale != 1 else "only what is above the mean is drawn"
         device.decisions.use("scaling of weights", why)
-    device.launch(
+    device.launch_rows(
         "sampling/row_cdf",
-        (of_map.height,),
+        of_map.height,
+        group=128,
         stage="row cdf",
         defines=defines,
         radiance=radiance,
@@ -84,9 +85,9 @@ def build_marginal_cdf(device: Device, row_sums: DeviceArray, sin_theta: DeviceA
     height = row_sums.shape[0]
     marginal = memory.empty(device, height, np.uint32)
     total = memory.empty(device, 2, np.float32)
-    device.launch(
+    device.launch_rows(
         "sampling/marginal_cdf",
-        (1,),
+        1,
         stage="marginal cdf",
         row_sum=row_sums,
         sin_theta=sin_theta,

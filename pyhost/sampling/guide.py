@@ -59,7 +59,8 @@ def build_guide(
         guide = memory.empty(device, (count, 2**bits, 2), np.uint32)
         total = memory.empty(device, count, np.uint32)
         shift = 32 - bits
-        device.launch("sampling/guide", (count,), cdf=cdf, n=n, shift=shift, guide=guide, total=total)
+        kernel, size = ("guide_buckets", (2**bits, count)) if device.is_gpu else ("guide", (count,))
+        device.launch(f"sampling/{kernel}", size, stage="guide", cdf=cdf, n=n, shift=shift, guide=guide, total=total)
         return guide, total, shift
 
     marginal, _, marginal_shift = table(marginal_cdf, 1, height, BUCKETS_PER_ROW)

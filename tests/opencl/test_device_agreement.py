@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pyopencl as cl
 import pytest
+from helpers import stiff_radiance
 from lightdome.errors import LightdomeError
 from lightdome.lighting.exact import exact
 from lightdome.lighting.harmonics import project, shade_harmonics
@@ -20,9 +21,12 @@ from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import ImageRows, write_image
 from lightdome.opencl import memory
 from lightdome.opencl.device import Device, open_device
+from lightdome.opencl.memory import DeviceArray
 from lightdome.opencl.programs import Programs
 from lightdome.rendering.per_pixel import ESTIMATORS, render
 from lightdome.rendering.per_pixel import SEQUENCES as RENDER_SEQUENCES
+from lightdome.rendering.product import build_product_cdfs
+from lightdome.sampling.cdf import build_row_cdfs
 from lightdome.sampling.distribution import Distribution, build_distribution
 from lightdome.sampling.samples import SEQUENCES
 from lightdome.sampling.streaming import sample_file
@@ -98,6 +102,40 @@ def test_cdfs_and_median_cuts_are_the_same_to_the_last_bit(devices: list[Device]
         distribution = build_distribution(device, EnvironmentMap(MAPS["stiff"]))
         cdfs = [memory.download(device, a) for a in (distribution.cdf.rows, distribution.cdf.marginal)]
         assert (digest(*cdfs), digest(regions(distribution, 100))) == RECORDED_CDFS, device.description
+
+
+def tables(distribution: Distribution) -> dict[str, np.ndarray]:
+    """Every table that draws, but for what is never read of them: rows without light, and tiles outside the disc."""
+    device, cdf, product = distribution.device, distribution.cdf, build_product_cdfs(distribution, 131)
+    on_host = {
+        name: memory.download(device, array)
+        for part in (cdf, cdf.guide, product)
+        for name, array in vars(part).items()
+        if isinstance(array, DeviceArray)
+    }
+    on_host["weights above the mean"] = memory.download(device, build_row_cdfs(distribution.map, 1.0).cdf)
+    on_host["sums"] = memory.download(device, build_row_cdfs(distribution.map).sums)
+    is_lit = on_host["row_total"] > 0
+    on_host["rows of the guide"] = memory.download(device, cdf.guide.rows)[is_lit]
+    on_host["rows"], on_host["marginal CDF"] = (memory.download(device, a) for a in (cdf.rows, cdf.marginal))
+    for name in ("tile_row_cdf", "tile_marginal_cdf", "tile_cones"):
+        on_host[name] = on_host[name][on_host["tile_total"] > 0]
+    return on_host
+
+
+@pytest.mark.parametrize(("height", "width"), [(3, 4100), (300, 37), (70, 2049)])
+def test_tables_of_large_maps_are_the_same_to_the_last_bit(devices: list[Device], height: int, width: int) -> None:
+    """A GPU shares rows among work-items, which take several turns at so many pixels or rows."""
+    radiance = stiff_radiance(height, width)
+    radiance[0] = 1
+    expected: dict[str, np.ndarray] = {}
+    for device in devices:
+        distribution = build_distribution(device, EnvironmentMap(radiance))
+        for name, table in tables(distribution).items():
+            np.testing.assert_array_equal(table, expected.setdefault(name, table), f"{name}, {device.description}")
+        for count in (1, 100):
+            cut = regions(distribution, count)
+            np.testing.assert_array_equal(cut, expected.setdefault(f"{count} regions", cut), device.description)
 
 
 def test_images_are_the_same_to_1e_5(devices: list[Device]) -> None:

@@ -73,6 +73,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "render_mis.cl": RENDER,
     "render_product_areas.cl": RENDER,
     "row_cdf.cl": DRAWS,
+    "row_weights.clh": DRAWS,
     "row_sums.cl": CUT,
     "sample_block.clh": DRAWS,
     "sequence.clh": ("test_sequences.py", "test_distribution.py", "test_split_work.py", "test_render.py"),
@@ -452,7 +453,7 @@ FAULTS: list[Fault] = [
     ),
     kernel(
         "row_cdf: no clamp below the offset",
-        "row_cdf.cl",
+        "row_weights.clh",
         "fmax(weights(rgb, scale) - offset, 0.0f)",
         "(weights(rgb, scale) - offset)",
         "a clamp dropped",
@@ -482,8 +483,8 @@ FAULTS: list[Fault] = [
     kernel(
         "prefix sums: weights are cut, not rounded",
         "prefix_sum.clh",
-        "(int)(as_float(cdf[i]) * scale.x * scale.y + 0.5f)",
-        "(int)(as_float(cdf[i]) * scale.x * scale.y)",
+        "(int)(f * scale.x * scale.y + 0.5f)",
+        "(int)(f * scale.x * scale.y)",
         "rounding forgotten in the remainder",
     ),
     kernel(
@@ -574,8 +575,8 @@ FAULTS: list[Fault] = [
     kernel(
         "exact: a row that is lit whole lacks its last column",
         "exact.cl",
-        "whole += arc_between(row, 0, width);",
-        "whole += arc_between(row, 0, width - 1);",
+        "whole += arc_between(row, stride, 0, width);",
+        "whole += arc_between(row, stride, 0, width - 1);",
         "off by one",
     ),
     kernel(
@@ -1630,8 +1631,8 @@ FAULTS: list[Fault] = [
     host(
         "median cut: uncapped",
         "median_cut.py",
-        "below, heavy, _ = sum_rows(cap)",
-        "below, heavy, _ = sum_rows(UNCAPPED)",
+        "below, heavy, *_ = sum_rows(cap)",
+        "below, heavy, *_ = sum_rows(UNCAPPED)",
         "a bright pixel takes all lights",
     ),
     host(

@@ -1,0 +1,79 @@
+// Light times cosine for every tile of the image as product_cdf.cl computes it, to the last bit, for a GPU.
+//
+// Arguments: product_cdf.cl. One group of GROUP work-items per tile: each takes some cells, then some rows of cells.
+
+#include "common/prefix_sum.clh"
+#include "common/normal.clh"
+#include "rendering/product.clh"
+
+__attribute__((reqd_work_group_size(GROUP, 1, 1)))
+kernel void product_cdf_grouped(global const float *restrict flux,
+                                global const float4 *restrict cell_cones,
+                                const uint2 cells,
+                                const int tile_size,
+                                const int resolution,
+                                global float4 *restrict tile_cones,
+                                global float *restrict total,
+                                global uint *restrict tile_row_cdf,
+                                global uint *restrict tile_marginal_cdf)
+{
+    local float3 shared_axis;
+    local float values[GROUP];
+    const uint i = get_local_id(0), count = (resolution + tile_size - 1) / tile_size;
+    const size_t index = get_global_id(0) / GROUP;
+    const int2 first = (int2)(index % count, index / count) * tile_size, last = min(first + tile_size, resolution);
+    const uint across = last.x - first.x, pixels = across * (last.y - first.y);
+    tile_row_cdf += index * cells.y * cells.x;
+    tile_marginal_cdf += index * cells.y;
+
+    float3 axis = 0.0f;
+    if (i == 0) {
+        for (uint k = 0; k < pixels; ++k) {
+            const float3 n = pixel_normal(first.x + k % across, first.y + k / across, resolution);
+            axis += n.z > 0.0f ? n : (float3)(0.0f);
+        }
+        shared_axis = axis.z == 0.0f ? axis : plain_normalize(axis);
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    axis = shared_axis;
+    if (axis.z == 0.0f)
+        return;
+    float reach = 0.0f;
+    for (uint k = i; k < pixels; k += GROUP) {
+        const float3 n = pixel_normal(first.x + k % across, first.y + k / across, resolution);
+        if (n.z > 0.0f)
+            reach = fmax(reach, plain_distance(n, axis));
+    }
+    values[i] = reach;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    reach = 0.0f;
+    for (uint k = 0; k < GROUP; ++k)
+        reach = fmax(reach, values[k]);
+    barrier(CLK_LOCAL_MEM_FENCE);
+    reach += 1e-6f;
+    if (i == 0)
+        tile_cones[index] = (float4)(axis, reach);
+
+    for (uint cell = i; cell < cells.x * cells.y; cell += GROUP) {
+        const float4 cell_cone = cell_cones[cell];
+        const float c = plain_dot(axis, cell_cone.xyz);
+        tile_row_cdf[cell] = as_uint(flux[cell] * cosine_guess(c, reach + cell_cone.w));
+    }
+    barrier(CLK_GLOBAL_MEM_FENCE);
+    if (i < cells.y) {
+        float sum = 0.0f;
+        for (uint k = 0; k < cells.x; ++k)
+            sum += as_float(tile_row_cdf[i * cells.x + k]);
+        weights_to_cdf(tile_row_cdf + i * cells.x, cells.x, sum);
+        tile_marginal_cdf[i] = as_uint(sum);
+        values[i] = sum;
+    }
+    barrier(CLK_LOCAL_MEM_FENCE | CLK_GLOBAL_MEM_FENCE);
+    if (i == 0) {
+        float sum = 0.0f;
+        for (uint j = 0; j < cells.y; ++j)
+            sum += values[j];
+        weights_to_cdf(tile_marginal_cdf, cells.y, sum);
+        total[index] = sum;
+    }
+}

@@ -1,0 +1,43 @@
+// Guide tables as guide.cl makes them, to the last bit, for a GPU: it searches for the steps that guide.cl walks to.
+//
+// Arguments: guide.cl. One work-item per (bucket, CDF).
+
+#include "common/guided.clh"
+
+// The first entry above u, from cdf[first] on, where the last of all is above it; `steps` entries lie before that.
+static inline uint first_above(global const uint *cdf, uint first, uint steps, uint u)
+{
+    while (steps > 0) {
+        const uint half_steps = steps / 2;
+        const bool is_above = cdf[first + half_steps] > u;
+        first += is_above ? 0 : half_steps + 1;
+        steps = is_above ? half_steps : steps - half_steps - 1;
+    }
+    return first;
+}
+
+kernel void guide_buckets(global const uint *restrict cdf,
+                          const uint n,
+                          const uint shift,
+                          global uint2 *restrict guide,
+                          global uint *restrict total)
+{
+    const uint b = get_global_id(0);
+    const size_t row = get_global_id(1);
+    cdf += row * n;
+    guide += row << (32 - shift);
+    const uint sum = cdf[n - 1];
+    if (b == 0)
+        total[row] = sum;
+    if (sum == 0)
+        return;
+    const ulong begin = (ulong)(b << shift) * sum, next = begin + ((ulong)sum << shift);
+    const uint least = begin >> 32, most = (next - sum) >> 32;  // of the first u in the bucket, and of the last
+    const uint first = first_above(cdf, 0, n - 1, least);
+    if (cdf[first] > most)
+        guide[b] = (uint2)(UINT_MAX, first);
+    else if (cdf[first + 1] > most)
+        guide[b] = (uint2)((uint)((((ulong)cdf[first] << 32) - 1) / sum), first);
+    else
+        guide[b] = (uint2)(first_above(cdf, first + 2, n - first - 3, most), first | SEVERAL_STEPS);
+}
