@@ -595,8 +595,8 @@ class _Check:
     def _by_cosine(self) -> tuple[float, bool, float]:
         """Suppose that directions are drawn by the cosine.
 
-        Returns the standard deviations by which the image is off then, whether it is as noisy as that, and by how many
-        samples of equal strength all of its light would come.
+        Returns by how many standard deviations the image is then off, whether it is noisy enough for that, and how many
+        equally strong samples would carry all of its light.
         """
         sampling, basis = self.reference.sampling, self.reference.basis
         square = sampling.square_by_cosine()
