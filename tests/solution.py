@@ -1,4 +1,4 @@
-"""A correct solution of the exercise in docs/teaching/starter.py, in numpy alone."""
+"""A correct solution of the exercise in docs/teaching/starter.py, in numpy only."""
 
 from __future__ import annotations
 

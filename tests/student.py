@@ -1,10 +1,10 @@
-"""A renderer of the diffuse sphere in numpy, as a student might write it: correct, or with one or more mistakes."""
+"""A student's renderer of the diffuse sphere in numpy, with mistakes on request."""
 
 from __future__ import annotations
 
 import numpy as np
 
-# Each mistake, and what the check of its image must say.
+# Each mistake, and what the verdict on its image must say.
 MISTAKES = {
     "no sine": "no sin(theta)",
     "sine twice": "sin(theta) twice",
@@ -30,7 +30,7 @@ MISTAKES = {
     "one number": "one random number for row and column",
     "CDF from row 1": "CDF starts at row 1",
     "CDF sorted": "CDF sorted",
-    "zero weights": "agrees",  # only where the probability is zero, which no image shows
+    "zero weights": "agrees",  # it makes a difference only where a random number is exactly 0, so no image shows it
     "other row": "row CDF of another row",
     "map encoded": "map gamma-encoded",
     "map decoded": "gamma decoded from linear values",
@@ -40,9 +40,9 @@ MISTAKES = {
     "cosine not clamped": "cosine not clamped",
     "absolute cosine": "absolute cosine",
     "flat normals": "normals not normalised",
-    "normals without root": "normals without their root",
+    "normals without root": "normals without square root",
 }
-ALBEDO = {"no albedo over pi": 0.6}  # for mistakes that a white sphere does not show
+ALBEDO = {"no albedo over pi": 0.6}  # a white sphere does not show this mistake
 
 
 def render(
@@ -107,7 +107,7 @@ def render(
 
 
 def _pixels(L: np.ndarray, u: np.ndarray, v: np.ndarray, made: frozenset[str]) -> tuple[np.ndarray, ...]:
-    """The rows and columns drawn, and the weights they are drawn by."""
+    """The rows and columns drawn, and the weights by which they are drawn."""
     height, width = L.shape[:2]
     weight = L @ np.array([0.2126, 0.7152, 0.0722]) if "Rec. 709" in made else L.mean(axis=2)
     power = 0 if "no sine" in made else 2 if "sine twice" in made else 1
@@ -145,7 +145,7 @@ def _directions(y: np.ndarray, x: np.ndarray, height: int, width: int, made: fro
 
 
 def _shade(direction: np.ndarray, flux: np.ndarray, side: int, made: frozenset[str]) -> np.ndarray:
-    """Sums of flux x cosine."""
+    """The image (side, side, 3) of sums of flux x cosine."""
     a = (2 * np.arange(side) + 1 - side) / side
     x, y = np.meshgrid(a, -a)
     inside = x**2 + y**2 < 1

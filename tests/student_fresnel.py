@@ -6,7 +6,7 @@ import numpy as np
 
 
 def curves(degrees: np.ndarray, eta: float, leaving: bool, mistake: str = "") -> dict[str, np.ndarray]:
-    """Reflectance of unpolarised, p and s light at angles in degrees."""
+    """The reflectances of unpolarised, p- and s-polarised light at angles in degrees."""
     n_i, n_t = (eta, 1.0) if leaving else (1.0, eta)
     if mistake == "eta inverted":
         n_i, n_t = n_t, n_i

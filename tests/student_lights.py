@@ -6,7 +6,7 @@ import numpy as np
 
 
 def cut(radiance: np.ndarray, count: int, mistake: str = "") -> tuple[np.ndarray, np.ndarray]:
-    """Directions (N, 3) and fluxes (N, 3) of a map (H, W, 3); ``count`` is a power of two."""
+    """The directions (N, 3) and fluxes (N, 3) of lights for a map (H, W, 3); ``count`` is a power of two."""
     L = radiance.astype(np.float64)
     if mistake == "map clipped to 1":
         L = np.minimum(L, 1)
@@ -77,6 +77,6 @@ def cut(radiance: np.ndarray, count: int, mistake: str = "") -> tuple[np.ndarray
         direction = direction * [1, -1, 1]
     if mistake == "directions point away from the light":
         direction = -direction
-    if mistake == "directions of no known lights":
+    if mistake == "wrong directions":
         direction = np.roll(direction, 5, axis=0)
     return direction, strength

@@ -17,7 +17,7 @@ def luminance(radiance: np.ndarray, mistake: str = "") -> np.ndarray:
 
 
 def draw(radiance: np.ndarray, points: np.ndarray, mistake: str = "", within: bool = False) -> dict[str, np.ndarray]:
-    """A sample for each of ``points`` (N, 2): direction, radiance, probability, pixel, and pdf per steradian."""
+    """A sample for each of ``points`` (N, 2): its direction, radiance, probability, pixel and density per steradian."""
     L = radiance.astype(np.float64)
     if mistake == "map clipped to 1":
         L = np.minimum(L, 1)
@@ -57,9 +57,7 @@ def draw(radiance: np.ndarray, points: np.ndarray, mistake: str = "", within: bo
         x += 1
     if mistake == "columns drawn evenly":
         x = (u * width).astype(int)
-    if (
-        mistake == "zero-weight pixels drawn"
-    ):  # 0 finds the first entry, and a number rounded to an entry finds that entry
+    if mistake == "zero-weight pixels drawn":  # as >= finds them for random numbers equal to an entry of the CDF
         few = np.arange(len(u)) % 50 == 0
         x[few], y[few] = np.argwhere(weight == 0)[0][::-1]
     x = x % width
@@ -103,7 +101,7 @@ def draw(radiance: np.ndarray, points: np.ndarray, mistake: str = "", within: bo
     if mistake == "directions not normalised":
         direction = direction * 1.7
     of_pixels = L[y, x]
-    if mistake == "values of other pixels":
+    if mistake == "radiance of other pixels":
         of_pixels = L[(y + height // 3) % height, (x * 7 + 3) % width]
     if mistake == "radiance scaled":
         of_pixels = of_pixels * 0.18

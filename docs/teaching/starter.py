@@ -16,7 +16,7 @@ import numpy as np
 try:
     import lightdome  # only to read and write files
 except ImportError:
-    sys.exit("lightdome is not installed for this Python; run scripts/demo, then this with .venv/bin/python")
+    sys.exit("lightdome is not installed for this Python; install it with pip install lightdome")
 
 RESOLUTION = 255  # pixels
 COUNTS = (64, 256, 1024)  # numbers of samples that all pixels share

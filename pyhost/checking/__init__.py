@@ -1,1 +1,1 @@
-"""Another program's images, samples, densities, lights and curves: right or not, and the mistake behind it."""
+"""Check other programs' images, samples, densities, lights and curves, and name the mistake if one is wrong."""

@@ -1,14 +1,16 @@
-"""What goes wrong in renderers of environment light, and the image that each mistake converges to.
+"""Known mistakes in renderers of environment light, and the image that each of them converges to.
 
-A light sample is drawn with probability q, and adds (albedo / pi) max(0, n . w) (L / I) Phi / N to a pixel of normal n,
-where I = (R + G + B) / 3 and Phi is the sum of I x solid angle. If q is proportional to I sin(theta), the sum converges
-to the exact image. A mistake in q, in the term or in the direction makes it converge to the exact image of another map,
-which is what ``effect`` makes: from the radiance (H, W, 3) of a map, float64, to that of another map. A mistake in
-the direction has ``placed``: the angles theta and phi of row y and column x of H and W. One on the side of the surface
-has a ``surface``: from the irradiance as a function of a vector, and the normals, to the irradiance that it shows. One
-in the image itself has a ``picture``, from the exact image's pixels to those it has.
+A light sample is drawn with probability q and adds (albedo / pi) max(0, n . w) (L / I) Phi / N to a pixel with normal
+n, where I = (R + G + B) / 3 and Phi is the sum of I x solid angle. If q is proportional to I sin(theta), the sum
+converges to the exact image. With a mistake it converges to another image. A cause describes that image in one of these
+ways:
 
-The list was gathered from solutions of students and from reports of renderers' users.
+- ``effect``: from the map's radiance (H, W, 3), float64, to the radiance of the map whose exact image appears instead
+- ``placed``: the angles theta and phi that the program gives to row y and column x of an H x W map
+- ``surface``: from the irradiance, as a function of a vector, and the normals to the irradiance that the image shows
+- ``picture``: from the pixels of the exact image to those in the file
+
+The mistakes were found in student solutions and in bug reports about renderers.
 """
 
 from __future__ import annotations
@@ -23,12 +25,12 @@ from .laws import CHANGES, LAWS, right
 
 Effect = Callable[[np.ndarray], np.ndarray]
 Placed = Callable[[np.ndarray, np.ndarray, int, int], tuple[np.ndarray, np.ndarray]]
-Irradiance = Callable[[np.ndarray], np.ndarray]  # of vectors (N, 3), which may have any length: (N, 3)
+Irradiance = Callable[[np.ndarray], np.ndarray]  # from vectors (N, 3) of any length to (N, 3)
 
 
 @dataclass(frozen=True)
 class Cause:
-    """A mistake: its ``name``, ``what`` it is, how it is ``seen`` in an image, and ``where`` in code people make it."""
+    """A mistake: its ``name``, ``what`` it is, how it is ``seen`` in an image, and ``where`` in the code it is made."""
 
     name: str
     what: str
@@ -38,14 +40,48 @@ class Cause:
     placed: Placed | None = None
     surface: Callable[[Irradiance, np.ndarray], np.ndarray] | None = None
     picture: Callable[[np.ndarray], np.ndarray] | None = None
-    factors: tuple[int, ...] = (0, 1)  # 0: its own brightness tells it apart; 1: with any other its shape does
-    about: bool = False  # its brightness is known roughly, as the spread of its samples is large
-    in_pictures: bool | None = None  # whether a PNG or PPM file shows it, or other files do; None for all
-    by_pixels: bool = False  # it depends on single pixels, so that a smaller map does not show it
+    any_brightness: bool = False  # only the shape of the image identifies it
+    rough_brightness: bool = False  # its brightness is known only roughly, because its samples vary so much
+    in_pictures: bool | None = None  # True: only in PNG and PPM files; False: only in other files; None: in all
+    by_pixels: bool = False  # it depends on single pixels, so a reduced map does not show it
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Finding:
+    """What a check found.
+
+    - ``agrees``: True, False, or None if that cannot be told
+    - ``verdict``: one line that says so, with the causes if they are known
+    - ``causes``: the mistakes that explain the result
+    - ``orientation``: how the result is turned or mirrored, or whose convention it follows; "" if it is not turned
+    """
+
+    agrees: bool | None
+    verdict: str
+    causes: tuple[Cause, ...] = ()
+    orientation: str = ""
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.verdict}>"
+
+    @property
+    def cause(self) -> Cause | None:
+        """The first of the causes, None if there is none."""
+        return next(iter(self.causes), None)
+
+    def to_dict(self) -> dict[str, object]:
+        """The same for JSON."""
+        return {
+            "agrees": self.agrees,
+            "verdict": self.verdict,
+            "cause": self.cause and self.cause.name,
+            "causes": [{"name": c.name, "what": c.what, "seen": c.seen, "where": c.where} for c in self.causes],
+            "orientation": self.orientation,
+        }
 
 
 def centred(y: np.ndarray, x: np.ndarray, H: int, W: int) -> tuple[np.ndarray, np.ndarray]:
-    """The right angles theta and phi, of the centres of pixels."""
+    """The correct angles theta and phi, those of pixel centres."""
     return np.pi * (y + 0.5) / H, 2 * np.pi * (x + 0.5) / W
 
 
@@ -61,6 +97,14 @@ def drawn_with(weight: np.ndarray, radiance: np.ndarray) -> np.ndarray:
 def _drawn_by(name: str) -> Effect:
     law = next(law for of, law in LAWS if of == name)
     return lambda L: drawn_with(law(L), L)
+
+
+def _scaled(of_theta: float, of_phi: float) -> Placed:
+    def placed(y: np.ndarray, x: np.ndarray, H: int, W: int) -> tuple[np.ndarray, np.ndarray]:
+        theta, phi = centred(y, x, H, W)
+        return of_theta * theta, of_phi * phi
+
+    return placed
 
 
 def _unclamped(irradiance: Irradiance, normal: np.ndarray) -> np.ndarray:
@@ -82,91 +126,91 @@ def _no_root(irradiance: Irradiance, normal: np.ndarray) -> np.ndarray:
 CAUSES = (
     Cause(
         "no sin(theta)",
-        "the weights of pixels lack sin(theta), or the density lacks the pixel's solid angle",
-        "too much light from the poles of the map, straight up and straight down",
-        "where the luminance is multiplied for the CDFs, and where p(x, y) is divided by the solid angle",
+        "the pixel weights lack sin(theta), or the density lacks the pixel's solid angle",
+        "too much light from straight up and straight down, the poles of the map",
+        "where the weights for the CDFs are computed, and where p(x, y) is divided by the solid angle",
         _drawn_by("no sin(theta)"),
-        factors=(1,),
+        any_brightness=True,
     ),
     Cause(
         "p of a pixel used as a density",
-        "the radiance is divided by p(x, y), the probability of a pixel, and not by p(x, y) / solid angle of the pixel",
-        "thousands of times too bright, and too much light from straight up and straight down",
-        "where a sample's term is divided by its density",
+        "the radiance is divided by p(x, y), a pixel's probability, instead of p(x, y) / solid angle of the pixel",
+        "thousands of times too bright, with too much light from straight up and straight down",
+        "where a sample's contribution is divided by its density",
         lambda L: L / solid_angles(*L.shape[:2])[:, None, None],
-        factors=(1,),
-        about=True,
+        any_brightness=True,
+        rough_brightness=True,
     ),
     Cause(
         "sin(theta) twice",
-        "sin(theta) is in the weights twice, or in the weights and in the term",
-        "too little light from above and from below",
-        "where the luminance is multiplied for the CDFs, and again in the sum over samples",
+        "sin(theta) is in the weights twice, or in both the weights and a sample's contribution",
+        "too little light from above and below",
+        "where the weights for the CDFs are computed, and where the samples are summed",
         _drawn_by("sin(theta) twice"),
-        factors=(1,),
+        any_brightness=True,
     ),
     Cause(
         "theta over half its range",
-        "theta runs from 0 to pi / 2 over the rows and not to pi",
+        "theta runs from 0 to pi / 2 over the rows instead of 0 to pi",
         "all light comes from above; the lower half of the sphere is dark",
-        "theta = pi (y + 1/2) / H, not pi / 2",
-        placed=lambda y, x, H, W: (np.pi / 2 * (y + 0.5) / H, 2 * np.pi * (x + 0.5) / W),
+        "where theta is computed: pi (y + 1/2) / H, not pi / 2",
+        placed=_scaled(0.5, 1),
     ),
     Cause(
         "theta over twice its range",
-        "theta runs from 0 to 2 pi over the rows and not to pi",
-        "the lower half of the map lights the sphere from behind its true place",
-        "theta = pi (y + 1/2) / H, not 2 pi",
-        placed=lambda y, x, H, W: (2 * np.pi * (y + 0.5) / H, 2 * np.pi * (x + 0.5) / W),
+        "theta runs from 0 to 2 pi over the rows instead of 0 to pi",
+        "light from the lower half of the map arrives from above, on the opposite side",
+        "where theta is computed: pi (y + 1/2) / H, not 2 pi",
+        placed=_scaled(2, 1),
     ),
     Cause(
         "phi over half its range",
-        "phi runs from 0 to pi over the columns and not to 2 pi",
+        "phi runs from 0 to pi over the columns instead of 0 to 2 pi",
         "all light comes from one side",
-        "phi = 2 pi (x + 1/2) / W, not pi",
-        placed=lambda y, x, H, W: (np.pi * (y + 0.5) / H, np.pi * (x + 0.5) / W),
+        "where phi is computed: 2 pi (x + 1/2) / W, not pi",
+        placed=_scaled(1, 0.5),
     ),
     Cause(
         "x and y swapped",
-        "the row is used for phi and the column for theta",
-        "lamps are at quite other places",
-        "where a pixel (x, y) becomes (phi, theta), or an array is indexed [x][y]",
+        "phi is computed from the row and theta from the column",
+        "lamps are in entirely wrong places",
+        "where a pixel (x, y) becomes (phi, theta), or where an array is indexed [x][y]",
         placed=lambda y, x, H, W: (np.pi * (x + 0.5) / W, 2 * np.pi * (y + 0.5) / H),
     ),
     Cause(
         "pixel edges for centres",
-        "a pixel's direction is that of its upper left corner",
-        "the light is turned by half a pixel: seen on small maps only",
-        "theta = pi (y + 1/2) / H and phi = 2 pi (x + 1/2) / W: the halves are missing",
+        "the direction of a pixel is that of its upper left corner",
+        "the light is turned by half a pixel, which shows only with small maps",
+        "where theta and phi are computed: pi (y + 1/2) / H and 2 pi (x + 1/2) / W; the halves are missing",
         placed=lambda y, x, H, W: (np.pi * y / H, 2 * np.pi * x / W),
     ),
     Cause(
         "W - 1 for W",
-        "phi or theta is scaled by the last index, and not by the number of pixels",
-        "the light is turned, by up to a pixel at the map's right end",
-        "phi = 2 pi (x + 1/2) / W, not / (W - 1)",
+        "phi or theta is divided by the last index instead of the number of pixels",
+        "the light is turned, by up to a pixel at the right end of the map",
+        "where phi is computed: 2 pi (x + 1/2) / W, not / (W - 1)",
         placed=lambda y, x, H, W: (np.pi * y / max(H - 1, 1), 2 * np.pi * x / max(W - 1, 1)),
     ),
     Cause(
         "one random number for row and column",
-        "the number that picks the row picks the column too",
-        "only a curve of pixels through the map is ever drawn, and most lamps are never seen",
-        "where the sample's two random numbers are made",
+        "the number that picks the row also picks the column",
+        "only pixels along a curve through the map are ever drawn, and most lamps are missing",
+        "where the two random numbers of a sample are generated",
         _drawn_by("one random number for row and column"),
         by_pixels=True,
     ),
     Cause(
         "row CDF of another row",
         "the column is drawn from the CDF of a neighbouring row",
-        "light is spread; edges of lamps shine wrongly",
-        "where the row's CDF is looked up: its offset is row x width",
+        "light is spread out; the edges of lamps are too bright",
+        "where the CDF of the row is looked up: its offset is row x width",
         _drawn_by("row CDF of another row"),
         by_pixels=True,
     ),
     Cause(
         "CDF starts at row 1",
-        "the CDF over rows has no entry for row 0: the row found is one too far down",
-        "the light is lower by a row: seen on small maps only",
+        "the CDF over rows has no entry for row 0, so the search returns the row below the right one",
+        "the light comes from one row too low, which shows only with small maps",
         "where the prefix sum starts, and what the search returns",
         _drawn_by("CDF starts at row 1"),
         by_pixels=True,
@@ -174,59 +218,59 @@ CAUSES = (
     Cause(
         "CDF sorted",
         "the weights were sorted before they were summed",
-        "all light comes from one side of the map, from its right columns",
-        "where the CDF is built: the order must be that of the pixels",
+        "all light comes from one side, the right columns of the map",
+        "where the CDF is built: the pixels must keep their order",
         _drawn_by("CDF sorted"),
     ),
     Cause(
         "luminance of Rec. 709",
-        "pixels are drawn by 0.2126 R + 0.7152 G + 0.0722 B, and divided by (R + G + B) / 3",
+        "pixels are drawn by 0.2126 R + 0.7152 G + 0.0722 B, but divided by (R + G + B) / 3",
         "coloured lamps are too bright or too dark",
-        "one definition of luminance must serve both the CDFs and the term",
+        "where luminance is computed: the CDFs and the contribution of a sample must use the same definition",
         _drawn_by("luminance of Rec. 709"),
-        factors=(1,),
+        any_brightness=True,
     ),
     Cause(
         "map clipped to 1",
-        "the map's values were clipped to 1 before sampling, as in an 8-bit picture",
+        "the values of the map were clipped to 1 before sampling, as in an 8-bit picture",
         "lamps are far too weak",
         "where the map is read or converted",
         CHANGES["map clipped to 1"],
     ),
     Cause(
         "map clipped to 255",
-        "the map's values were clipped to 255",
+        "the values of the map were clipped to 255",
         "the sun or the brightest lamps are too weak",
         "where the map is read or converted",
         CHANGES["map clipped to 255"],
     ),
     Cause(
         "map gamma-encoded",
-        "the map's values were raised to 1 / 2.2, as for a display",
-        "little contrast: lamps too weak, walls too bright",
+        "the values of the map were raised to 1 / 2.2, as for a display",
+        "little contrast: lamps are too weak, walls too bright",
         "where the map is read: radiance is linear",
         CHANGES["map gamma-encoded"],
     ),
     Cause(
         "gamma decoded from linear values",
-        "the map's values were raised to 2.2, though they are linear",
-        "lamps are far too strong beside the rest",
+        "the values of the map were raised to 2.2, although they are linear",
+        "lamps are far too strong compared with the rest",
         "where the map is read: radiance is linear",
         CHANGES["gamma decoded from linear values"],
-        factors=(1,),
+        any_brightness=True,
     ),
     Cause(
         "channels swapped",
         "red and blue are swapped",
-        "warm light is cold",
-        "where the file is read or written: some libraries have the order B, G, R",
+        "warm light looks cold",
+        "where the file is read or written: some libraries store channels in the order B, G, R",
         lambda L: L[..., ::-1],
     ),
     Cause(
         "image gamma-encoded",
-        "the image holds values raised to 1 / 2.2, as for a display",
-        "little contrast on the sphere, and too bright",
-        "where the image is written: a .pfm or .exr holds linear radiance",
+        "the values of the image were raised to 1 / 2.2, as for a display",
+        "too bright, with little contrast",
+        "where the image is written: a .pfm or .exr file holds linear radiance",
         picture=lambda pixels: np.maximum(pixels, 0) ** (1 / 2.2),
         in_pictures=False,
     ),
@@ -234,52 +278,52 @@ CAUSES = (
         "image clipped to 1",
         "values above 1 were clipped before the image was written",
         "flat white areas",
-        "where the image is written: a .pfm or .exr holds any radiance",
+        "where the image is written: a .pfm or .exr file can hold any radiance",
         picture=lambda pixels: np.minimum(pixels, 1.0),
         in_pictures=False,
     ),
     Cause(
         "picture not gamma-encoded",
-        "the picture holds linear values; a .png or .ppm needs them raised to 1 / 2.2 or encoded as sRGB",
+        "the picture holds linear values; a .png or .ppm file needs them raised to 1 / 2.2 or encoded as sRGB",
         "too dark, with too much contrast",
-        "where values from 0 to 1 become whole numbers from 0 to 255",
+        "where values from 0 to 1 become integers from 0 to 255",
         picture=lambda pixels: np.maximum(pixels, 0) ** 2.2,
         in_pictures=True,
     ),
     Cause(
         "picture gamma-encoded twice",
-        "the picture's values were raised to 1 / 2.2 twice, or encoded by the program and again by its library",
+        "the values of the picture were raised to 1 / 2.2 twice, or by the program and again by its image library",
         "too pale, with little contrast",
-        "where values from 0 to 1 become whole numbers from 0 to 255",
+        "where values from 0 to 1 become integers from 0 to 255",
         picture=lambda pixels: np.maximum(pixels, 0) ** (1 / 2.2),
         in_pictures=True,
     ),
     Cause(
         "cosine not clamped",
-        "lights behind the surface are subtracted: max(0, n . w) lacks its max",
-        "the side away from the light is black or negative, and the rest too dark",
-        "where n . w is used",
+        "light from behind the surface is subtracted: max(0, n . w) lacks its max",
+        "the side facing away from the light is black or negative, and the rest is too dark",
+        "where n . w is computed",
         surface=_unclamped,
     ),
     Cause(
         "absolute cosine",
-        "|n . w| is used for max(0, n . w)",
-        "the side away from the light shines as the side towards it does",
-        "where n . w is used",
+        "|n . w| is used instead of max(0, n . w)",
+        "the side facing away from the light is as bright as the side facing it",
+        "where n . w is computed",
         surface=_both_sides,
     ),
     Cause(
         "normals not normalised",
-        "the normal is (x, y, 1) and not (x, y, sqrt(1 - x^2 - y^2))",
-        "the rim of the sphere is too bright, and its shape looks flat",
-        "where a pixel's normal is made",
+        "the normal is (x, y, 1) instead of (x, y, sqrt(1 - x^2 - y^2))",
+        "the rim of the sphere is too bright, and the sphere looks flat",
+        "where the normal of a pixel is computed",
         surface=_flat,
     ),
     Cause(
-        "normals without their root",
-        "the normal's z is 1 - x^2 - y^2 and not the root of it",
-        "the sphere's rim is too dark where light comes from the front",
-        "where a pixel's normal is made",
+        "normals without square root",
+        "the z of the normal is 1 - x^2 - y^2, without the square root",
+        "the rim of the sphere is too dark where light comes from the front",
+        "where the normal of a pixel is computed",
         surface=_no_root,
     ),
 )

@@ -1,17 +1,18 @@
-"""Where the sphere lies in another program's image."""
+"""Find the sphere in another program's image."""
 
 from __future__ import annotations
 
 import numpy as np
 
-MAX_SIDE = 511  # pixels, of images as compared
+MAX_SIDE = 511  # pixels, of the images that are compared
 
 
 def find_disc(image: np.ndarray) -> tuple[float, float, float]:
-    """Centre (x, y) and radius of the sphere, in pixels from the upper left corner, on a black background.
+    """The centre (x, y) and radius of a sphere on a black background, in pixels from the upper left corner.
 
-    It is the smallest circle about all that is not black: of a sphere that is lit from one side, too, as the ends of
-    its terminator lie opposite each other. Without a black background it is the largest circle in the middle.
+    The sphere is the smallest circle around everything that is not black. That is right for a sphere lit from one side
+    too, since the two ends of its terminator are opposite each other. Without a black background it is the largest
+    circle in the middle of the image.
     """
     height, width = image.shape[:2]
     whole = width / 2, height / 2, min(height, width) / 2
@@ -28,23 +29,22 @@ def find_disc(image: np.ndarray) -> tuple[float, float, float]:
         furthest = int((away**2).sum(axis=1).argmax())
         centre = centre + away[furthest] / (step + 1)
     radius = float(np.sqrt(((points - centre) ** 2).sum(axis=1).max())) + 0.05
-    # A pixel counts by its centre: a circle that is the image's own within a pixel is that one.
+    # Only pixel centres were fitted, so a circle within about a pixel of the image's own is that one.
     if max(abs(centre[0] - whole[0]), abs(centre[1] - whole[1]), abs(radius - whole[2])) < 1.5:
         return whole
     diameter, corner = round(2 * radius), np.round(centre - radius)
     snapped = corner + diameter / 2
-    if abs(diameter - 2 * radius) < 0.6 and np.abs(snapped - centre).max() < 0.3:  # a whole image inside another
+    if abs(diameter - 2 * radius) < 0.6 and np.abs(snapped - centre).max() < 0.3:  # an image pasted into another
         return float(snapped[0]), float(snapped[1]), diameter / 2
     return float(centre[0]), float(centre[1]), radius
 
 
 def seen_in(image: np.ndarray, disc: tuple[float, float, float]) -> np.ndarray:
-    """The square of the sphere's diameter, (R, R, 3), R at most :data:`MAX_SIDE`; a larger one is taken in strides."""
+    """The square around the sphere, (R, R, 3); if R would exceed :data:`MAX_SIDE`, only every n-th pixel is taken."""
     x, y, radius = disc
-    whole = 2 * round(radius) if abs(2 * radius - round(2 * radius)) > 1e-9 else round(2 * radius)
-    side = whole
-    stride = -(-side // MAX_SIDE)
-    side //= stride
+    diameter = round(2 * radius) if abs(2 * radius - round(2 * radius)) <= 1e-9 else 2 * round(radius)
+    stride = -(-diameter // MAX_SIDE)
+    side = diameter // stride
     scale = 2 * radius / side
     across = x - radius + scale * (np.arange(side) + 0.5) - 0.5
     down = y - radius + scale * (np.arange(side) + 0.5) - 0.5

@@ -1,8 +1,9 @@
-"""A folder of what others made, a class's hand-ins, checked file by file: a row each, and a page with pictures of all.
+"""Check a folder of other programs' results, such as a class's hand-ins: a row per file, and a page with pictures.
 
-What a file is, its content says: an image, samples, lights, densities, or reflectances by angle. The number of samples
-of an image is read from its name: ``sphere_64.pfm`` has 64 that all pixels share, ``sphere_16spp.pfm`` 16 per pixel. A
-curve of light that leaves the material has "leaving" in its name. The page is one file that needs no network.
+The content of a file says what it is: an image, samples, lights, densities, or reflectances by angle. The name of an
+image gives its number of samples: in ``sphere_64.pfm`` all pixels share 64 samples, in ``sphere_16spp.pfm`` each pixel
+has 16 of its own. The name of a curve has "leaving" in it if the light leaves the material. The page is a single file
+and needs no network.
 """
 
 from __future__ import annotations
@@ -10,10 +11,8 @@ from __future__ import annotations
 import base64
 import html
 import re
-import struct
-import zlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -25,9 +24,10 @@ from ..errors import LightdomeError, one_line, shown
 from ..fresnel.equations import fresnel
 from ..maps.envmap import EnvironmentMap
 from ..maps.images import READABLE, auto_exposure, tone_map
+from ..maps.pictures import Picture
 from ..opencl.device import Device
 from ..progress import Progress
-from .causes import Cause
+from .causes import Cause, Finding
 from .files import PICTURES, read_rendered
 from .fresnel import ANGLES, check_fresnel, read_curves
 from .image import ImageCheck, Reference
@@ -38,29 +38,34 @@ from .samples import check_samples, read_samples
 from .tables import TableCheck, read_table
 
 COLUMNS = ("file", "kind", "agrees", "cause", "orientation", "relative_rmse", "verdict")
-THUMBNAIL = 160  # pixels, of the longer side
-DOTS = 4096  # samples that a picture shows
+THUMBNAIL = 160  # pixels along the longer side
+DOTS = 4096  # samples shown in a picture
+Figure = tuple[str, str, bytes]  # a picture: its caption, MIME type and content
 
 
 @dataclass(frozen=True)
 class Row:
-    """What was found in a file: ``picture`` and ``error`` are PNG or SVG for the page, with their types."""
+    """What was found in a file."""
 
     file: str
     kind: str
     agrees: bool | None
     verdict: str
-    cause: Cause | None = None
+    causes: tuple[Cause, ...] = ()
     orientation: str = ""
     relative_rmse: float | None = None
-    pictures: list[tuple[str, str, bytes]] = field(default_factory=list)  # what it shows, type, content
+    figures: Sequence[Figure] = ()
+
+    @property
+    def answer(self) -> str:
+        """Whether it agrees, in words."""
+        return {True: "yes", False: "no", None: "cannot tell"}[self.agrees]
 
     @property
     def values(self) -> tuple[object, ...]:
-        """In the order of :data:`COLUMNS`."""
-        agrees = {True: "yes", False: "no", None: "cannot tell"}[self.agrees]
-        cause = self.cause and self.cause.name
-        return self.file, self.kind, agrees, cause, self.orientation or None, self.relative_rmse, self.verdict
+        """The values of :data:`COLUMNS`."""
+        causes = "; ".join(cause.name for cause in self.causes) or None
+        return self.file, self.kind, self.answer, causes, self.orientation or None, self.relative_rmse, self.verdict
 
 
 class FolderCheck:
@@ -75,16 +80,24 @@ class FolderCheck:
         return Reference(self.device, self.envmap)
 
     def rows(self, folder: Path) -> list[Row]:
-        """A row for each file under ``folder`` that may be a hand-in, by name.
+        """A row for each file under ``folder`` that may be a hand-in, sorted by name.
 
-        Raises :class:`LightdomeError` where there is none; a file that cannot be read costs its own row alone.
+        A file that cannot be read has a row that says so. Raises :class:`LightdomeError` if there are no such files.
         """
         if not folder.is_dir():
-            raise LightdomeError(f"cannot read {folder}: there is no such folder")
+            reason = "it is not a folder" if folder.exists() else "no such folder"
+            raise LightdomeError(f"cannot read {folder}: {reason}")
         known = (*READABLE, *PICTURES, ".npz", ".csv")
-        files = sorted(p for p in folder.rglob("*") if p.suffix.lower() in known and not p.name.startswith("."))
+        files = sorted(
+            path
+            for path in folder.rglob("*")
+            if path.suffix.lower() in known
+            and not any(part.startswith((".", "__MACOSX")) for part in path.relative_to(folder).parts)
+        )
         if not files:
-            raise LightdomeError(f"{folder} holds no file that can be checked: none ends in {', '.join(known)}")
+            raise LightdomeError(
+                f"{folder} has no file that can be checked: expected names ending in {', '.join(known)}"
+            )
         result = []
         with Progress("checking files") as progress:
             for n, path in enumerate(files):
@@ -97,7 +110,7 @@ class FolderCheck:
             return self._checked(path, name)
         except LightdomeError as error:
             return Row(name, "unreadable", None, shown(str(error).replace(str(path), path.name)))
-        except Exception as error:  # one file must not cost the others their rows
+        except Exception as error:  # one file must not stop the check of the others
             return Row(name, "unreadable", None, f"the check failed: {type(error).__name__}: {one_line(error)}")
 
     def _checked(self, path: Path, name: str) -> Row:
@@ -110,29 +123,28 @@ class FolderCheck:
             return self._image(path, name)
         if any(key in table and table[key].ndim == 2 for key in NAMES):
             values, _ = read_pdf(path)
-            return _of_table(name, "densities", check_pdf(self.envmap, values), [self._grey(values)])
+            return _of_table(name, "densities", check_pdf(self.envmap, values), self._grey(values))
         words = ("flux", "irradiance", "to_light", "light")
         if any(word in column for word in words for column in table) or "light" in path.stem.lower():
             direction, flux = read_lights(path)
             check = check_lights(self.device, self.envmap, direction, flux)
-            return _of_table(name, "lights", check, [self._dots(direction)])
+            return _of_table(name, "lights", check, self._dots(direction))
         direction, *others = read_samples(path)
         check = check_samples(self.envmap, direction, *others)
-        return _of_table(name, "samples", check, [self._dots(direction)])
+        return _of_table(name, "samples", check, self._dots(direction))
 
     def _image(self, path: Path, name: str) -> Row:
         pixels, linear = read_rendered(path)
         number = re.search(r"_(\d{1,9})(spp)?(?:\D|$)", path.stem)
         count, per_pixel = (int(number[1]) or None, bool(number[2])) if number else (None, False)
-        if not np.isfinite(pixels).all():
-            raise LightdomeError("the image has pixels that are NaN or infinite")
         check = self.reference.check(pixels, count, per_pixel, linear)
         exposure = auto_exposure(check.exact)
-        pictures = [("image", "image/png", png(_small(tone_map(_black_outside(check.image), exposure))))]
-        pictures += [("exact", "image/png", png(_small(tone_map(_black_outside(check.exact), exposure))))]
-        pictures += [("blue too dark, red too bright", "image/png", png(_small(_error_colours(check))))]
-        rmse = check.relative_rmse
-        return Row(name, "image", check.agrees, check.verdict, check.cause, check.orientation, rmse, pictures)
+        figures = [
+            _png("image", tone_map(_black_outside(check.image), exposure)),
+            _png("exact", tone_map(_black_outside(check.exact), exposure)),
+            _png("blue: too dark, red: too bright", _error_colours(check)),
+        ]
+        return _row(name, "image", check, check.relative_rmse, figures)
 
     def _fresnel(self, path: Path, name: str) -> Row:
         theta, curves = read_curves(path)
@@ -146,10 +158,10 @@ class FolderCheck:
             for v, colour in zip(curves, ("#000", "#0072B2", "#D55E00"), strict=True)
             if v is not None
         ]
-        return _of_table(name, "reflectances", check, [("grey: exact", "image/svg+xml", _plot(lines))])
+        return _of_table(name, "reflectances", check, ("grey: exact", "image/svg+xml", _plot(lines)))
 
-    def _dots(self, direction: np.ndarray) -> tuple[str, str, bytes]:
-        """The map, small, with white dots where the directions lie, as they are in the file."""
+    def _dots(self, direction: np.ndarray) -> Figure:
+        """The map, reduced, with white dots where the file's directions point."""
         picture = _small(tone_map(self.envmap.radiance, self.exposure)) // 2
         height, width = picture.shape[:2]
         good = np.isfinite(direction).all(axis=1) & direction.any(axis=1)
@@ -157,42 +169,31 @@ class FolderCheck:
         y, x = v.astype(int), u.astype(int)
         for down, across in np.ndindex(2, 2):
             picture[np.minimum(y + down, height - 1), (x + across) % width] = 255
-        return "directions in the map", "image/png", png(picture)
+        return _png("directions in the map", picture)
 
-    def _grey(self, values: np.ndarray) -> tuple[str, str, bytes]:
+    def _grey(self, values: np.ndarray) -> Figure:
         grey = np.repeat(np.nan_to_num(np.maximum(values, 0.0), posinf=0)[..., None], 3, axis=2)
-        return "densities", "image/png", png(_small(tone_map(grey, auto_exposure(grey))))
+        return _png("densities", tone_map(grey, auto_exposure(grey)))
 
 
-def _of_table(name: str, kind: str, check: TableCheck, pictures: list[tuple[str, str, bytes]]) -> Row:
+def _of_table(name: str, kind: str, check: TableCheck, figure: Figure) -> Row:
     rmse = check.details.get("relative_rmse")
-    rmse = float(rmse) if isinstance(rmse, int | float | np.floating) else None
-    return Row(name, kind, check.agrees, check.verdict, check.cause, check.orientation, rmse, pictures)
+    return _row(name, kind, check, rmse if isinstance(rmse, float) else None, [figure])
 
 
-# ---- pictures ----
+def _row(name: str, kind: str, check: Finding, rmse: float | None, figures: Sequence[Figure]) -> Row:
+    return Row(name, kind, check.agrees, check.verdict, check.causes, check.orientation, rmse, figures)
 
 
-def png(pixels: np.ndarray) -> bytes:
-    """A PNG file of (H, W, 3) uint8."""
+# ---- Pictures ----
 
-    def chunk(kind: bytes, content: bytes) -> bytes:
-        checked = kind + content
-        return struct.pack(">I", len(content)) + checked + struct.pack(">I", zlib.crc32(checked))
 
-    height, width = pixels.shape[:2]
-    rows = np.concatenate([np.zeros((height, 1), np.uint8), pixels.reshape(height, -1)], axis=1)
-    head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", head)
-        + chunk(b"IDAT", zlib.compress(rows.tobytes()))
-        + chunk(b"IEND", b"")
-    )
+def _png(caption: str, pixels: np.ndarray) -> Figure:
+    return caption, "image/png", Picture(_small(pixels))._repr_png_()
 
 
 def _small(pixels: np.ndarray) -> np.ndarray:
-    """At most :data:`THUMBNAIL` pixels a side: means of squares."""
+    """The picture with at most :data:`THUMBNAIL` pixels per side, means over square blocks."""
     step = -(-max(pixels.shape[:2]) // THUMBNAIL)
     height, width = (n // step * step or n for n in pixels.shape[:2])
     if step == 1 or min(pixels.shape[:2]) < step:
@@ -206,7 +207,7 @@ def _black_outside(image: np.ndarray) -> np.ndarray:
 
 
 def _error_colours(check: ImageCheck) -> np.ndarray:
-    """The image less the exact one, mean of the channels: blue is too dark, red too bright, white right."""
+    """The mean error of the channels as a colour: blue is too dark, red too bright, and white right."""
     inside = disc_mask(len(check.exact))
     error = np.where(inside, (check.image - check.exact).mean(axis=2), 0)
     most = float(np.percentile(np.abs(error[inside]), 99.5)) or 1.0
@@ -217,7 +218,7 @@ def _error_colours(check: ImageCheck) -> np.ndarray:
 
 
 def _plot(lines: Sequence[tuple[np.ndarray, np.ndarray, str]]) -> bytes:
-    """Curves from 0 to 90 degrees and from 0 to 1, as SVG."""
+    """Curves over 0 to 90 degrees, with values from 0 to 1, as SVG."""
     paths = []
     for x, y, colour in lines:
         at = np.isfinite(x) & np.isfinite(y)
@@ -229,7 +230,7 @@ def _plot(lines: Sequence[tuple[np.ndarray, np.ndarray, str]]) -> bytes:
     return f'<svg xmlns="http://www.w3.org/2000/svg" {size}>{frame}{"".join(paths)}</svg>'.encode()
 
 
-# ---- the page ----
+# ---- The page ----
 
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 76rem; padding: 0 1rem; color: #222; }
@@ -248,9 +249,9 @@ img { display: block; max-width: 8rem; }
 
 
 def page(rows: Sequence[Row], title: str) -> str:
-    """The rows as one HTML page, pictures included."""
+    """The rows as one HTML page that includes its pictures."""
     counts = {agrees: sum(row.agrees is agrees for row in rows) for agrees in (True, False, None)}
-    summary = f"{len(rows)} files: {counts[True]} agree, {counts[False]} do not, {counts[None]} cannot be told"
+    summary = f"{len(rows)} files: {counts[True]} agree, {counts[False]} do not, {counts[None]} undecided"
     body = "\n".join(_html_row(row) for row in rows)
     heading = html.escape(title)
     return f"""<!doctype html>
@@ -272,20 +273,20 @@ def page(rows: Sequence[Row], title: str) -> str:
 
 
 def _html_row(row: Row) -> str:
-    word = {True: "yes", False: "no", None: "cannot tell"}[row.agrees]
     return (
         f'<tr><td class="file">{html.escape(row.file)}<br><span class="where">{row.kind}</span>'
-        f'<td><span class="{word.split()[0]}">{word}</span>'
-        f"<td>{'<br>'.join(_told(row))}"
-        f"<td>{''.join(_figure(*picture) for picture in row.pictures)}</tr>"
+        f'<td><span class="{row.answer.split()[0]}">{row.answer}</span>'
+        f"<td>{'<br>'.join(_explained(row))}"
+        f"<td>{''.join(_figure(*figure) for figure in row.figures)}</tr>"
     )
 
 
-def _told(row: Row) -> Iterator[str]:
+def _explained(row: Row) -> Iterator[str]:
     yield html.escape(row.verdict)
-    if row.cause:
-        yield f'<span class="where">Seen: {html.escape(row.cause.seen)}.</span>'
-        yield f'<span class="where">Where: {html.escape(row.cause.where)}.</span>'
+    for cause in row.causes:
+        of = f"{cause.name}: " if len(row.causes) > 1 else ""
+        yield f'<span class="where">Seen: {html.escape(of + cause.seen)}.</span>'
+        yield f'<span class="where">Look: {html.escape(of + cause.where)}.</span>'
 
 
 def _figure(caption: str, kind: str, content: bytes) -> str:

@@ -1,9 +1,11 @@
-"""Is a curve of reflectances that of Fresnel's equations, and if not, which mistake makes it?"""
+"""Does a curve of reflectances follow Fresnel's equations, and if not, which mistake explains it?"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -12,83 +14,83 @@ from .. import checks
 from ..errors import LightdomeError, quoted
 from ..fresnel.equations import critical_angle, fresnel, normal_reflectance, schlick
 from .causes import Cause
-from .tables import TableCheck, cause_named, column, read_table, verdict_of
+from .tables import TableCheck, cause_named, column, read_table
 
-CLOSE = 5e-4  # of a reflectance
-SHIFT = 1e-4  # radians, by which a printed angle may be off
+CLOSE = 5e-4  # allowed error of a reflectance
+SHIFT = 1e-4  # radians; allowed error of an angle, which may have been printed with few digits
 
 CAUSES_OF_CURVES = (
     Cause(
         "p and s swapped",
         "the two polarisations are exchanged",
-        "Brewster's angle is in the curve of s, and that of p rises all the way",
-        "where the two amplitudes are named: that with n_t cos(theta_i) - n_i cos(theta_t) is p",
+        "the curve of s has Brewster's angle, and that of p rises all the way",
+        "where the two amplitudes are computed: n_t cos(theta_i) - n_i cos(theta_t) belongs to p",
     ),
     Cause(
         "curve ends at the critical angle",
-        "there is no reflectance, or 0, beyond the critical angle, where it is 1",
-        "the curve stops, or falls to 0, and a sphere of glass is black at its rim from inside",
-        "where the root of 1 - (n_i / n_t)^2 sin(theta)^2 is taken: below 0 all light is reflected",
+        "the reflectance beyond the critical angle is missing or 0 instead of 1",
+        "the curve stops or falls to 0, and the rim of a glass sphere is black from inside",
+        "where the square root of 1 - (n_i / n_t)^2 sin(theta)^2 is taken: if it is negative, all light is reflected",
     ),
     Cause(
         "degrees used as radians",
-        "angles in degrees are given to sin and cos",
-        "the curve swings up and down",
+        "angles in degrees are passed to sin and cos",
+        "the curve oscillates",
         "where the angle is made: radians = degrees x pi / 180",
     ),
     Cause(
         "radians converted twice",
         "angles are converted to radians twice",
-        "the curve is flat",
+        "the curve is nearly flat",
         "where the angle is made: radians = degrees x pi / 180",
     ),
     Cause(
         "Schlick for Fresnel",
-        "the curve is Schlick's approximation, and not Fresnel's equations",
-        "up to some hundredths off between 60 and 90 degrees, and no Brewster's angle",
+        "the curve is Schlick's approximation instead of Fresnel's equations",
+        "a few hundredths off between 60 and 90 degrees, and no Brewster's angle",
         "where the reflectance is computed",
     ),
     Cause(
         "Schlick with the incident angle on the way out",
-        "Schlick's approximation is used with the angle inside the denser medium; it needs the one outside",
-        "the curve rises too late, and not to 1 at the critical angle",
-        "where the cosine is chosen: on the way out it is that of the transmitted light",
+        "Schlick's approximation is given the angle inside the denser medium, but needs the one outside",
+        "the curve rises too late, and does not reach 1 at the critical angle",
+        "where the cosine is chosen: on the way out, take that of the transmitted light",
     ),
     Cause(
         "eta inverted",
-        "the two refractive indices are exchanged: entering for leaving",
-        "a critical angle where there is none, or none where there is one",
+        "the two refractive indices are exchanged, so that entering and leaving are mixed up",
+        "a critical angle where there should be none, or none where there should be one",
         "where n_i and n_t, or eta and 1 / eta, are chosen",
     ),
     Cause(
         "amplitudes averaged",
-        "the amplitudes of p and s are averaged, and then squared; it is their squares that are averaged",
+        "the amplitudes of p and s are averaged and then squared, but their squares must be averaged",
         "too little reflection between 0 and 90 degrees",
-        "where unpolarised light is made of p and s",
+        "where p and s are combined for unpolarised light",
     ),
     Cause(
         "amplitudes not squared",
-        "the values are amplitudes: the reflectance is their square",
-        "too much reflection, sqrt(R) for R",
-        "where the reflectance is made of the amplitude",
+        "the values are amplitudes, but the reflectance is their square",
+        "too much reflection: sqrt(R) instead of R",
+        "where the reflectance is computed from the amplitude",
     ),
     Cause(
         "one polarisation for both",
-        "the reflectance of unpolarised light is that of p or of s alone",
+        "the reflectance of unpolarised light is that of p or s alone",
         "too much reflection, or none at Brewster's angle",
-        "where unpolarised light is made: (R_p + R_s) / 2",
+        "where p and s are combined for unpolarised light: (R_p + R_s) / 2",
     ),
     Cause(
         "p and s added",
-        "the reflectances of p and s are added, and not averaged",
+        "the reflectances of p and s are added instead of averaged",
         "twice the reflection, up to 2",
-        "where unpolarised light is made: (R_p + R_s) / 2",
+        "where p and s are combined for unpolarised light: (R_p + R_s) / 2",
     ),
     Cause(
         "transmittance for reflectance",
         "the values are 1 - R",
         "the curve falls to 0 at 90 degrees",
-        "where the result is chosen",
+        "where the result is returned",
     ),
     Cause(
         "percent",
@@ -98,39 +100,46 @@ CAUSES_OF_CURVES = (
     ),
     Cause(
         "another refractive index",
-        "the curve is that of another refractive index",
-        "the reflectance at normal incidence and Brewster's angle are others",
+        "the curve belongs to another refractive index",
+        "the reflectance at normal incidence and Brewster's angle are different",
         "where eta is set",
     ),
 )
 ANGLES = ("angle", "theta", "incidence", "deg", "radians")
 BOTH = ("reflectance", "unpolarised", "unpolarized", "r", "fresnel", "average", "mean", "f", "reflectance_unpolarised")
 PARALLEL = ("p", "rp", "r_p", "reflectance_p", "parallel", "r_parallel", "rpar", "reflectance_parallel")
-ACROSS = ("s", "rs", "r_s", "reflectance_s", "perpendicular", "r_perpendicular", "rperp", "reflectance_perpendicular")
+PERPENDICULAR = (
+    "s",
+    "rs",
+    "r_s",
+    "reflectance_s",
+    "perpendicular",
+    "r_perpendicular",
+    "rperp",
+    "reflectance_perpendicular",
+)
 
-
-# Reflectances by angle: of unpolarised light, of p and of s; each may be missing.
+# Reflectances of unpolarised, p- and s-polarised light by angle, None where not given.
 Curves = tuple[np.ndarray | None, np.ndarray | None, np.ndarray | None]
 
 
 def read_curves(path: str | Path) -> tuple[np.ndarray, Curves]:
-    """Angles in radians, and reflectances of unpolarised light, of p and of s, of a CSV or NPZ file.
+    """The angles, in radians, and the reflectances in a CSV or NPZ file; see :mod:`lightdome.checking.tables`.
 
-    See :mod:`lightdome.checking.tables`. Angles are in degrees or radians, as their column is named; without a
-    word, values above pi / 2 are degrees.
-    Raises :class:`LightdomeError` for a file that cannot be read, or lacks angles or reflectances.
+    The name of the column says whether angles are in degrees or radians; if it does not, they are in degrees if any
+    exceeds pi / 2. Raises :class:`LightdomeError` for a file that cannot be read, or lacks angles or reflectances.
     """
     table = read_table(path)
     name = next((name for start in ANGLES for name in table if name.startswith(start)), None)
-    curves = column(table, *BOTH), column(table, *PARALLEL), column(table, *ACROSS)
+    curves = column(table, *BOTH), column(table, *PARALLEL), column(table, *PERPENDICULAR)
     if name is None or all(values is None for values in curves):
         raise LightdomeError(
-            f"{path}: it needs a column angle_degrees or angle_radians, and reflectance, or p and s; it has"
+            f"{path}: expected a column angle_degrees or angle_radians, and reflectance or p and s; got"
             f" {', '.join(map(quoted, list(table)[:12])) or 'no numbers'}"
         )
     angle = column(table, name)
     if angle is None:
-        raise LightdomeError(f"{path}: {quoted(name)} must hold one angle a row")
+        raise LightdomeError(f"{path}: {quoted(name)} must have one angle per row")
     degrees = "deg" in name or ("rad" not in name and np.nanmax(angle, initial=0) > math.pi / 2 + 1e-3)
     return np.radians(angle) if degrees else angle, curves
 
@@ -146,23 +155,23 @@ def check_fresnel(
 ) -> TableCheck:
     """Compare reflectances (N,) of a dielectric at angles of incidence ``theta`` (N,), radians, with the exact ones.
 
-    - ``reflectance``: of unpolarised light; ``p``, ``s``: of both polarisations; one at least
-    - ``eta``: refractive index of the material, in air
-    - ``leaving``: the light leaves the material, and does not enter it
+    - ``reflectance``: of unpolarised light; ``p``, ``s``: of p- and s-polarised light; at least one of the three
+    - ``eta``: refractive index of the material, which is surrounded by air
+    - ``leaving``: the light leaves the material instead of entering it
 
-    Raises :class:`LightdomeError` for arrays of other shapes, angles out of range, and where nothing is given.
+    Raises :class:`LightdomeError` for arrays of other shapes, for angles out of range, and if no reflectance is given.
     """
     theta = checks.array("theta", theta, ("N",), np.float64)
     eta, leaving = checks.positive("the refractive index", eta), checks.flag("leaving", leaving)
     given = _map(lambda values: checks.array("a reflectance", values, (len(theta),), np.float64), (reflectance, p, s))
     if all(values is None for values in given) or len(theta) == 0:
-        raise LightdomeError("there must be reflectances to check: of unpolarised light, or of p and s")
+        raise LightdomeError("no reflectances to check: give those of unpolarised light, or of p and s")
     if eta == 1:
-        raise LightdomeError("eta = 1 is no boundary, and reflects nothing")
+        raise LightdomeError("eta = 1 is no boundary and reflects nothing")
     a, b = (eta, 1.0) if leaving else (1.0, eta)
     if theta.max() < math.pi / 2 + SHIFT:
         theta = np.minimum(theta, math.pi / 2)
-    fresnel(theta, a, b)  # refuses angles out of range
+    fresnel(theta, a, b)  # raises for angles out of range
     right = _exact(a, b)
     off, largest, at = _compare(right, theta, given)
     critical = critical_angle(a, b)
@@ -174,12 +183,12 @@ def check_fresnel(
     }
     if critical is not None:
         below = theta < critical
-        # A table that stops at the critical angle has lost its last rows.
+        # A table that stops just before the critical angle lacks its last rows.
         stops = below.all() and len(theta) > 9 and critical - theta.max() < np.ptp(theta) / (len(theta) - 1)
         if (stops and off < 1) or (below.any() and not below.all() and _ends(right, theta, given, below)):
             return _told("curve ends at the critical angle", "", details)
     if off < 1:
-        return TableCheck(True, f"agrees: the largest error is {largest:.2g}", None, "", details)
+        return TableCheck.of([], details, f"agrees: the largest error is {largest:.2g}")
     mistakes = [(_compare(curve, theta, given)[0], name, more) for name, curve, more in _mistakes(a, b)]
     fitting = [(name, more) for off, name, more in mistakes if off < 1]
     if fitting:
@@ -188,12 +197,11 @@ def check_fresnel(
     if index is not None:
         return _told("another refractive index", f"{index:.4g} for {eta:g}", details)
     where = f"off by {largest:.3g} at {math.degrees(theta[at]):.4g} degrees"
-    return TableCheck(False, f"does not agree: {where}, for no reason that is known here", None, "", details)
+    return TableCheck(agrees=False, verdict=f"does not agree: {where}; no known mistake explains it", details=details)
 
 
-def _told(name: str, more: str, details: dict[str, object]) -> TableCheck:
-    cause = cause_named(name, CAUSES_OF_CURVES)
-    return TableCheck(False, verdict_of([(cause, more)]), cause, "", details)
+def _told(name: str, remark: str, details: dict[str, object]) -> TableCheck:
+    return TableCheck.of([(cause_named(name, CAUSES_OF_CURVES), remark)], details)
 
 
 Curve = Callable[[np.ndarray], Curves]
@@ -205,7 +213,7 @@ def _map(change: Callable[[np.ndarray], np.ndarray], curves: Sequence[np.ndarray
 
 
 def _exact(a: float, b: float) -> Curve:
-    """The curves of light that goes from index ``a`` to ``b``."""
+    """The exact curves for light that goes from index ``a`` to index ``b``."""
 
     def curve(theta: np.ndarray) -> Curves:
         p, s = fresnel(theta, a, b)
@@ -215,7 +223,7 @@ def _exact(a: float, b: float) -> Curve:
 
 
 def _amplitudes(theta: np.ndarray, a: float, b: float) -> tuple[np.ndarray, np.ndarray]:
-    """r_p and r_s of any number as an angle, as a program without checks computes them: NaN beyond the critical one."""
+    """r_p and r_s for any number, as a program without checks computes them: NaN beyond the critical angle."""
     c, s = np.cos(theta), np.sin(theta)
     with np.errstate(invalid="ignore", divide="ignore"):
         c_t = np.sqrt(1 - (a / b * s) ** 2)
@@ -223,7 +231,7 @@ def _amplitudes(theta: np.ndarray, a: float, b: float) -> tuple[np.ndarray, np.n
 
 
 def _compare(curve: Curve, theta: np.ndarray, given: Curves) -> tuple[float, float, int]:
-    """The largest error in tolerances, the largest error, and where it is."""
+    """The largest error as a multiple of its tolerance, the largest error, and the index of the latter."""
     around = curve(np.clip(theta - SHIFT, 0, math.pi / 2)), curve(np.clip(theta + SHIFT, 0, math.pi / 2))
     tolerances, errors = np.zeros(len(theta)), np.zeros(len(theta))
     for expected, low, high, values in zip(curve(theta), *around, given, strict=True):
@@ -241,7 +249,7 @@ def _compare(curve: Curve, theta: np.ndarray, given: Curves) -> tuple[float, flo
 
 
 def _ends(right: Curve, theta: np.ndarray, given: Curves, below: np.ndarray) -> bool:
-    """Whether the curve is right up to the critical angle, and missing or 0 beyond it."""
+    """Whether the curve is right up to the critical angle and missing or 0 beyond it."""
 
     def part(rows: np.ndarray) -> Curves:
         return _map(lambda values: values[rows], given)
@@ -251,14 +259,23 @@ def _ends(right: Curve, theta: np.ndarray, given: Curves, below: np.ndarray) -> 
 
 
 def _mistakes(a: float, b: float) -> Iterator[tuple[str, Curve, str]]:
-    """The curves of known mistakes, the likelier ones first, and a remark on each."""
+    """The names and curves of known mistakes, the likelier ones first, with a remark on each."""
     exact, r0 = _exact(a, b), normal_reflectance(a, b)
 
     def of(change: Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Curve:
         return lambda theta: change(*exact(theta)[1:])
 
-    def raw(scale: float, combine: Callable[[np.ndarray, np.ndarray], Curves]) -> Curve:
-        return lambda theta: combine(*_amplitudes(theta * scale, a, b))
+    def raw(combine: Callable[[np.ndarray, np.ndarray], Curves], nan: float = math.nan, scale: float = 1.0) -> Curve:
+        def curve(theta: np.ndarray) -> Curves:
+            return _map(lambda values: np.nan_to_num(values, nan=nan), combine(*_amplitudes(theta * scale, a, b)))
+
+        return curve
+
+    def averaged(mean: Callable[[np.ndarray, np.ndarray], np.ndarray], p: np.ndarray, s: np.ndarray) -> Curves:
+        return mean(p, s), p**2, s**2
+
+    def unsquared(sign: Callable[[np.ndarray], np.ndarray], p: np.ndarray, s: np.ndarray) -> Curves:
+        return sign(p + s) / 2, sign(p), sign(s)
 
     def squares(p: np.ndarray, s: np.ndarray) -> Curves:
         return (p**2 + s**2) / 2, p**2, s**2
@@ -285,45 +302,22 @@ def _mistakes(a: float, b: float) -> Iterator[tuple[str, Curve, str]]:
     yield "p and s added", of(lambda p, s: (p + s, p, s)), ""
     yield "transmittance for reflectance", of(lambda p, s: (1 - (p + s) / 2, 1 - p, 1 - s)), ""
     yield "percent", of(lambda p, s: (50 * (p + s), 100 * p, 100 * s)), ""
-    for combine in (
+    means = (
         lambda p, s: ((p + s) / 2) ** 2,
         lambda p, s: ((p - s) / 2) ** 2,
         lambda p, s: ((np.abs(p) + np.abs(s)) / 2) ** 2,
-    ):
-        for missing in (math.nan, 1.0):
-            yield "amplitudes averaged", raw(1, _averaged(combine, missing)), ""
-    for sign in (np.abs, np.positive, np.negative):
-        for missing in (math.nan, 1.0):
-            yield "amplitudes not squared", raw(1, _unsquared(sign, missing)), ""
-    yield "degrees used as radians", raw(180 / math.pi, squares), ""
-    yield (
-        "degrees used as radians",
-        raw(180 / math.pi, lambda p, s: _filled((p**2 + s**2) / 2, p**2, s**2, nan=1)),
-        "",
     )
-    yield "radians converted twice", raw(math.pi / 180, squares), ""
-
-
-def _filled(*curves: np.ndarray, nan: float) -> Curves:
-    return _map(lambda values: np.nan_to_num(values, nan=nan), curves)
-
-
-def _averaged(combine: Callable[[np.ndarray, np.ndarray], np.ndarray], missing: float) -> Callable[..., Curves]:
-    def curves(p: np.ndarray, s: np.ndarray) -> Curves:
-        return _filled(combine(p, s), p**2, s**2, nan=missing)
-
-    return curves
-
-
-def _unsquared(sign: Callable[[np.ndarray], np.ndarray], missing: float) -> Callable[..., Curves]:
-    def curves(p: np.ndarray, s: np.ndarray) -> Curves:
-        return _filled(sign(p + s) / 2, sign(p), sign(s), nan=missing)
-
-    return curves
+    for mean, nan in product(means, (math.nan, 1.0)):
+        yield "amplitudes averaged", raw(partial(averaged, mean), nan), ""
+    for sign, nan in product((np.abs, np.positive, np.negative), (math.nan, 1.0)):
+        yield "amplitudes not squared", raw(partial(unsquared, sign), nan), ""
+    yield "degrees used as radians", raw(squares, scale=180 / math.pi), ""
+    yield "degrees used as radians", raw(squares, 1.0, 180 / math.pi), ""
+    yield "radians converted twice", raw(squares, scale=math.pi / 180), ""
 
 
 def _other_index(theta: np.ndarray, given: Curves, leaving: bool) -> float | None:
-    """The refractive index whose curves these are, None without one."""
+    """The refractive index whose curves these are, or None."""
     low, high = 0.3, 5.0
     best = math.nan
     for _ in range(4):

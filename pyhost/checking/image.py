@@ -1,10 +1,9 @@
 """Does another renderer's image of the diffuse sphere agree with the exact one, and if not, what went wrong?
 
-The convention of the image is found first: where the sphere lies in it, mirrors and turns, one factor on the
-brightness. What is left is compared with what an unbiased estimator of N samples leaves, by moments of the image
-(:mod:`lightdome.checking.statistics`). An image that is off by more is compared with what each known mistake
-converges to (:mod:`lightdome.checking.causes`). It gets the name of that which explains it, unless another
-explains it as well.
+The sphere is found in the image, and the moments of image and exact image are compared. They may differ by as much as
+those of an unbiased estimator with N samples (:mod:`lightdome.checking.statistics`). If they differ by more, the image
+is compared with explanations: a factor on the brightness, a mirror or a turn, and what each known mistake converges to
+(:mod:`lightdome.checking.causes`). The verdict names the explanation that fits, unless others fit equally well.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from ..maps.envmap import EnvironmentMap
 from ..maps.geometry import directions, solid_angles
 from ..opencl.device import Device
 from ..progress import Progress
-from .causes import CAUSES, Cause, Irradiance, Placed, centred
+from .causes import CAUSES, Cause, Finding, Irradiance, Placed, centred
 from .disc import find_disc, seen_in
 from .files import GAMMA
 from .statistics import (
@@ -44,24 +43,24 @@ from .statistics import (
 )
 from .turn import Orientation, find_orientation, table_of
 
-GRID = 63  # pixels across the disc, of images that hypotheses expect
-FEW = 4  # of its pixels, each of which counts where covariances are made
-DRAWN = 1024  # samples for those
-MAP_ROWS = 512  # of the map from which those are made
-BLOCKS = 64  # rows of them, by which mistakes are made that the device has no kernel for
-MAP_ROWS_OF_PAIRS, BLOCKS_OF_PAIRS = 128, 16  # the same for two mistakes at once, of which there are many
-LIMIT = 5.0  # standard deviations, from which on an image is biased
-EXPLAINED = 0.1  # share of the deviations that may be left: with a mistake, samples have another spread
-EXPLAINED_BY_TWO = 0.04  # the same of two mistakes at once: of so many pairs one may fit by chance
-CLEAR = 1.0  # standard deviations, by which an explanation must be better than another
-CONVERGED = 0.005  # relative RMSE, up to which an image without a number of samples agrees
-PRECISION = 1e-3  # of a moment: what rounding, other integrals and other pixel filters may change
-PICTURE_PRECISION = 3e-2  # the same where values are encoded for the eye, by curves that are like gamma 2.2
-WHITE = 254.5 / 255  # value of a picture, encoded, from which on it may be clipped
-FEWEST = 16  # samples, that an image without a number of them may have
-TIMES = 30  # as many samples as the right image would need, from which an explanation of such an image counts
-MOST_DRAWN = 2**20  # samples of sets that are drawn; of more, sums are as normal numbers
-EVENTS = 50  # lamps that are hit in all of an image, below which nothing can be said of those that are not
+GRID = 63  # pixels across the disc in the images of hypotheses
+FEW = 4  # covariances use every fourth of those pixels
+DRAWN = 1024  # samples from which the covariance of a mistake is computed
+MAP_ROWS = 512  # to which a map is reduced to compute the image of a mistake
+BLOCKS = 64  # rows of blocks that replace the map's pixels in that image
+MAP_ROWS_OF_PAIRS, BLOCKS_OF_PAIRS = 128, 16  # the same for two mistakes at once, since there are many pairs
+LIMIT = 5.0  # standard deviations beyond which an image is biased
+EXPLAINED = 0.1  # share of the deviations that an explanation may leave: mistakes change the spread of samples
+EXPLAINED_BY_TWO = 0.04  # the same for two mistakes: among so many pairs, one may fit by chance
+CLEAR = 1.0  # standard deviations by which the best explanation must beat the others
+CONVERGED = 0.005  # relative RMSE up to which an image agrees if its number of samples is not known
+PRECISION = 1e-3  # relative error of moments that rounding and other pixel filters may cause
+PICTURE_PRECISION = 3e-2  # the same for pictures, whose encoding may differ a little from gamma 2.2
+WHITE = 254.5 / 255  # encoded value from which a picture may be clipped
+FEWEST = 16  # samples assumed at least, if their number is not known
+TIMES = 30  # an explanation must then fit even with this many times the samples for which the image would agree
+MOST_DRAWN = 2**20  # samples; with more, the moments are normally distributed, and no sets are drawn
+EVENTS = 50  # with fewer hits of lamps in an image, a missing lamp proves nothing
 FLIPS: dict[str, tuple[slice, slice]] = {
     "mirrored left to right": np.s_[:, ::-1],
     "upside down": np.s_[::-1, :],
@@ -70,39 +69,30 @@ FLIPS: dict[str, tuple[slice, slice]] = {
 FACTORS = {
     math.pi: "the 1 / pi of the BRDF is missing",
     1 / math.pi: "divided by pi twice",
-    2 * math.pi: "2 pi for 1: the 1 / pi of the BRDF is missing, and a 2 is too much",
-    1 / (2 * math.pi): "a density of the hemisphere, 1 / (2 pi), is multiplied and should not be",
-    4 * math.pi: "the area of the sphere, 4 pi, is multiplied and should not be",
+    2 * math.pi: "the 1 / pi of the BRDF is missing, and there is an extra factor of 2",
+    1 / (2 * math.pi): "there is an extra factor of 1 / (2 pi), the uniform density over the hemisphere",
+    4 * math.pi: "there is an extra factor of 4 pi, the area of the sphere",
     1 / (4 * math.pi): "divided by the area of the sphere, 4 pi",
-    math.pi**2: "multiplied by pi, and the 1 / pi of the BRDF is missing",
-    2.0: "a factor of 2 is too much",
+    math.pi**2: "there is an extra factor of pi, and the 1 / pi of the BRDF is missing",
+    2.0: "there is an extra factor of 2",
     0.5: "a factor of 2 is missing",
 }
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class ImageCheck:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ImageCheck(Finding):
     """What :func:`check_image` found.
 
-    - ``agrees``: True, False, or None where it cannot be told
-    - ``verdict``: a line that says so, with the cause if it is known
-    - ``cause``: the mistake that explains the image, or the first of two, else None
-    - ``orientation``: how the image is turned or mirrored, "" for not at all
-    - ``factor``: (3,), what the image is multiplied by, by channel; 1 where it is right
-    - ``disc``: centre x, centre y and radius of the sphere in the file's image, pixels from its upper left corner
-    - ``relative_rmse``, ``bias`` (3,) relative by channel, ``largest_error`` (radiance) at ``largest_at`` (x, y): of
-      the image as it is, against the exact one
-    - ``deviations``: by how many standard deviations the image's moments are off; NaN where nothing says how many are
-      right
-    - ``expected``: what so many samples leave, if a number was given
-    - ``image``, ``exact``: (R, R, 3), as compared
+    - ``factor``: (3,), brightness of each channel relative to the exact image; 1 if it is right
+    - ``disc``: centre x, centre y and radius of the sphere, in pixels from the upper left corner of the image
+    - ``relative_rmse``; ``bias``: (3,), relative, by channel; ``largest_error``: of radiance, at ``largest_at`` (x, y).
+      These compare the image, as it is, with the exact one
+    - ``deviations``: by how many standard deviations the moments of the image are off
+    - ``expected``: the error expected with so many samples, if their number was given
+    - ``image``, ``exact``: (R, R, 3), the images that were compared
     - ``file_shape``: height and width of the image as it was given
     """
 
-    agrees: bool | None
-    verdict: str
-    cause: Cause | None
-    orientation: str
     factor: np.ndarray
     disc: tuple[float, float, float]
     relative_rmse: float
@@ -115,16 +105,9 @@ class ImageCheck:
     exact: np.ndarray
     file_shape: tuple[int, int]
 
-    def __repr__(self) -> str:
-        return f"<ImageCheck: {self.verdict}>"
-
     def to_dict(self) -> dict[str, object]:
-        """Everything but the images, for JSON."""
-        return {
-            "agrees": self.agrees,
-            "verdict": self.verdict,
-            "cause": self.cause and self.cause.name,
-            "orientation": self.orientation,
+        """The same for JSON, without the images."""
+        return super().to_dict() | {
             "factor_rgb": [float(f) for f in self.factor],
             "disc_centre_x_pixels": self.disc[0],
             "disc_centre_y_pixels": self.disc[1],
@@ -133,7 +116,7 @@ class ImageCheck:
             "bias_relative_rgb": [float(b) for b in self.bias],
             "largest_error_radiance": self.largest_error,
             "largest_error_at_pixel": list(self.largest_at),
-            "deviations": None if math.isnan(self.deviations) else self.deviations,
+            "deviations": self.deviations,
             "expected": self.expected
             and {
                 "samples": self.expected.count,
@@ -157,43 +140,36 @@ def check_image(
 ) -> ImageCheck:
     """Compare ``image`` (h, w, 3), radiance of the diffuse sphere under ``envmap``, with the exact image.
 
-    - ``samples``: how many samples all pixels share
-    - ``spp``: how many fresh samples each pixel has
-    - ``linear``: False for the values 0 to 1 of a picture for the eye, decoded: its brightness says nothing then, and
-      values of 1 are clipped
+    - ``samples``: number of samples, if all pixels share them
+    - ``spp``: number of samples per pixel, if each pixel has fresh ones
+    - ``linear``: False for the decoded values, 0 to 1, of a picture: its brightness is ignored then, and values of 1
+      are taken as clipped
 
-    Without ``samples`` and ``spp`` the image must be the exact one within 0.5 %, or have the noise of single pixels
-    alone. Raises :class:`LightdomeError` for another shape, for values that are not finite, for both numbers together,
+    Without ``samples`` and ``spp`` the image must be the exact one within 0.5 %, or differ only by the noise of single
+    pixels. Raises :class:`LightdomeError` for another shape, for values that are not finite, if both numbers are given,
     and for a black map.
     """
     checks.instance("the device", device, Device)
     checks.instance("the map", envmap, EnvironmentMap)
     image = checks.array("the image", image, ("h", "w", 3), np.float32)
     if samples is not None and spp is not None:
-        raise LightdomeError("give the number of samples that all pixels share, or of those per pixel, not both")
+        raise LightdomeError("give samples, which all pixels share, or spp, samples per pixel, but not both")
     count = (
         None if samples is None and spp is None else checks.whole("a number of samples", samples or spp, 1, 2**31 - 1)
     )
     albedo, linear = checks.albedo(albedo), checks.flag("linear", linear)
-    if min(image.shape[:2]) < 16:
-        raise LightdomeError(f"the image must have at least 16 x 16 pixels, got {image.shape[1]} x {image.shape[0]}")
-    if not np.isfinite(image).all():
-        y, x = np.argwhere(~np.isfinite(image).all(axis=2))[0]
-        bad = int((~np.isfinite(image).all(axis=2)).sum())
-        raise LightdomeError(f"{bad} pixels of the image are NaN or infinite, the first at x = {x}, y = {y}")
     if not (envmap.peak > 0 and albedo > 0):
-        raise LightdomeError(
-            "the map is black, or the albedo 0: every image of it is black, and there is nothing to check"
-        )
+        raise LightdomeError("the map is black or the albedo 0: every image of it is black")
     return Reference(device, envmap, albedo).check(image, count, spp is not None, linear)
 
 
 @dataclass(frozen=True)
 class _Hypothesis:
-    """An explanation: the image of the disc at :data:`GRID` pixels that it expects, (P, 3).
+    """An explanation, with the image that it expects: the ``pixels`` (P, 3) of a disc of :data:`GRID` pixels.
 
-    ``covariance`` is that of the moments of one sample, if it is not the right image's.
-    Its brightness counts with ``factors`` 0; 1 is a factor of its own, and 3 one for each channel.
+    - ``covariance``: of the moments of one sample; None if it is that of the correct image
+    - ``factors``: number of free factors on the brightness: none, 1, or 3 for one per channel
+    - ``is_named``: whether the factor is one of a known mistake
     """
 
     pixels: np.ndarray
@@ -201,19 +177,19 @@ class _Hypothesis:
     orientation: Orientation | None = None
     covariance: np.ndarray | None = None
     factors: int = 0
-    is_named: bool = False  # the factor is one that people make
+    is_named: bool = False
 
     @property
     def simplicity(self) -> float:
-        """Standard deviations that a hypothesis must be better by than the simplest one."""
+        """By how many standard deviations it must fit better than the simplest hypothesis."""
         factors = 1.0 if self.is_named else 2.0 * self.factors**0.5
-        if any(cause.about for cause in self.causes):
+        if any(cause.rough_brightness for cause in self.causes):
             factors = 0.0
         return factors + 1.0 * len(self.causes) + 1.5 * (self.orientation is not None)
 
 
 def _reduced(envmap: EnvironmentMap, rows: int) -> EnvironmentMap:
-    """The map, or one of at most so many rows."""
+    """The map, reduced to at most so many rows."""
     height, width = envmap.height, envmap.width
     step = -(-height // rows)
     if step == 1:
@@ -226,7 +202,7 @@ def _reduced(envmap: EnvironmentMap, rows: int) -> EnvironmentMap:
 
 
 class Reference:
-    """What images under a map are checked against; one serves many images. The arguments are :func:`check_image`'s."""
+    """What images lit by a map are checked against; one serves many images. See :func:`check_image` for arguments."""
 
     def __init__(self, device: Device, envmap: EnvironmentMap, albedo: float = 1.0) -> None:
         self.device, self.envmap, self.albedo = device, envmap, albedo
@@ -239,7 +215,15 @@ class Reference:
     def check(
         self, image: np.ndarray, count: int | None = None, per_pixel: bool = False, linear: bool = True
     ) -> ImageCheck:
-        """Check an image (h, w, 3) of ``count`` samples, which its pixels share unless ``per_pixel``."""
+        """Check an image (h, w, 3) with ``count`` samples, which its pixels share unless ``per_pixel``."""
+        if min(image.shape[:2]) < 16:
+            raise LightdomeError(
+                f"the image must have at least 16 x 16 pixels, got {image.shape[1]} x {image.shape[0]}"
+            )
+        bad = ~np.isfinite(image).all(axis=2)
+        if bad.any():
+            y, x = np.argwhere(bad)[0]
+            raise LightdomeError(f"{bad.sum()} pixels of the image are NaN or infinite, the first at x = {x}, y = {y}")
         return _Check(self, image, count, per_pixel, linear).result()
 
     def _pixels(self, image: np.ndarray) -> np.ndarray:
@@ -247,16 +231,16 @@ class Reference:
 
     @cached_property
     def small(self) -> EnvironmentMap:
-        """The map, or one of fewer rows if it has many."""
+        """The map, reduced for single mistakes."""
         return _reduced(self.envmap, MAP_ROWS)
 
     @cached_property
     def smaller(self) -> EnvironmentMap:
-        """That for pairs of mistakes."""
+        """The map, reduced for pairs of mistakes."""
         return _reduced(self.envmap, MAP_ROWS_OF_PAIRS)
 
     def blocks(self, radiance: np.ndarray, rows: int = BLOCKS) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Lights of blocks of pixels, so many rows of them: row (N,) and column (N,) in the map, and flux (N, 3)."""
+        """One light per block of pixels, in so many rows: its row (N,) and column (N,) in the map, and flux (N, 3)."""
         height, width = radiance.shape[:2]
         flux = (radiance * solid_angles(height, width)[:, None, None]).reshape(-1, 3)
         y, x = np.divmod(np.arange(height * width), width)
@@ -270,12 +254,12 @@ class Reference:
         return *self._own(row, column, height, width), total
 
     def _own(self, row: np.ndarray, column: np.ndarray, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-        """Places in a map of another size, in pixels of the map itself, centres of which are whole numbers."""
+        """Places in a map of another size as places in this map; pixel centres are whole numbers."""
         own = self.envmap
         return (row + 0.5) * (own.height / height) - 0.5, (column + 0.5) * (own.width / width) - 0.5
 
     def _light(self, radiance: np.ndarray, placed: Placed = centred, rows: int = BLOCKS) -> Irradiance:
-        """What the surface reflects of a map's blocks, as a function of vectors (N, 3) of any length."""
+        """The radiance of a surface lit by the blocks of a map, as a function of normals (N, 3) of any length."""
         row, column, flux = self.blocks(radiance.astype(np.float64), rows)
         direction = directions(*placed(row, column, self.envmap.height, self.envmap.width)).astype(np.float32)
         flux = (flux * (self.albedo / math.pi)).astype(np.float32)
@@ -292,7 +276,7 @@ class Reference:
 
     @cached_property
     def seen(self) -> np.ndarray:
-        """The disc's pixels lit by the blocks."""
+        """The pixels of the disc lit by blocks."""
         return self.light(self.grid)
 
     @cached_property
@@ -306,13 +290,13 @@ class Reference:
     @cached_property
     def causes(self) -> list[_Hypothesis]:
         """The known mistakes that this map can show."""
-        return self._made([(cause,) for cause in CAUSES], "making what mistakes look like")
+        return self._made([(cause,) for cause in CAUSES], "simulating known mistakes")
 
     @cached_property
     def pairs(self) -> list[_Hypothesis]:
-        """Two of the mistakes at once. Those in reading the map stand last in the list, and come first."""
+        """Two of the mistakes at once; those of reading the map, which are last in the list, come first."""
         shown = [made.causes[0] for made in self.causes]
-        return self._made(list(combinations(reversed(shown), 2)), "making what two mistakes look like")
+        return self._made(list(combinations(reversed(shown), 2)), "simulating pairs of mistakes")
 
     def _made(self, lists: Sequence[tuple[Cause, ...]], label: str) -> list[_Hypothesis]:
         result = []
@@ -324,7 +308,7 @@ class Reference:
         return result
 
     def _with(self, causes: tuple[Cause, ...]) -> _Hypothesis | None:
-        """What the disc looks like with these mistakes; None if this map does not show one, or one excludes another."""
+        """The disc with these mistakes, or None if they exclude each other or one makes no difference with this map."""
         placed = [cause.placed for cause in causes if cause.placed] or [centred]
         surface = [cause.surface for cause in causes if cause.surface] or [lambda light, normal: light(normal)]
         picture = [cause.picture for cause in causes if cause.picture] or [lambda pixels: pixels]
@@ -346,7 +330,7 @@ class Reference:
                 radiance = changed
         pixels = self.right + surface[0](self._light(radiance, placed[0], rows), self.grid) - seen
         made = _Hypothesis(picture[0](pixels), causes)
-        if not single or causes[0].picture:  # the right image's covariance is near enough
+        if not single or causes[0].picture:  # the covariance of the correct image is close enough
             return made
         drawn = self.drawn
         if causes[0].effect:
@@ -362,24 +346,24 @@ class Reference:
         return population(self.envmap, DRAWN)
 
     def covariance_of(self, direction: np.ndarray, drawn: Population) -> np.ndarray:
-        """That of the moments of one of the samples, if they come from these directions."""
+        """The covariance of the moments of one sample, if samples come from these directions."""
         return self.covariance(np.maximum(0, self.grid[::FEW] @ direction.T), drawn)
 
     def covariance(self, cosine: np.ndarray, drawn: Population) -> np.ndarray:
-        """That of the moments of one of the samples, if they have these cosines with every fourth normal."""
+        """The covariance of the moments of one sample, given the cosines of samples with every fourth normal."""
         each = moments_of_each(cosine, self.basis[::FEW], drawn.light * self.albedo, drawn.probability)
         return (each * drawn.probability[:, None]).T @ each
 
     @cached_property
     def factors(self) -> dict[float, str]:
-        """Factors that mistakes multiply the brightness by."""
+        """Factors on the brightness that mistakes cause, with their reasons."""
         area = solid_angles(self.envmap.height, self.envmap.width)
         rows = self.envmap.radiance.mean(axis=2, dtype=np.float64).sum(axis=1)
         flux = float((rows * area).sum())
         named = {
             **FACTORS,
             1 / flux: "the total flux of the map is missing",
-            float(rows.sum()) / flux: "the sum of luminance without solid angles is used for the total flux",
+            float(rows.sum()) / flux: "the sum of luminance without solid angles is used as the total flux",
         }
         if abs(self.albedo - 1) > 0.01:
             named |= {1 / self.albedo: "the albedo is missing", math.pi / self.albedo: "albedo / pi is missing"}
@@ -400,7 +384,7 @@ class _Check:
         self.basis, self.grid_basis = zernike(self.normal), reference.basis
         self.precision = PRECISION if linear else PICTURE_PRECISION
         self.valid, self.is_white = np.ones(len(self.pixels), bool), False
-        if not linear:  # what is clipped to white says nothing
+        if not linear:  # leave out what may be clipped to white
             self.valid = (self.pixels < WHITE**GAMMA).all(axis=1)
             self.is_white = self.valid.mean() < 0.2
             self.valid |= self.is_white
@@ -409,7 +393,7 @@ class _Check:
             valid[mask] = self.valid
             self.basis = self.basis * self.valid[:, None]
             self.grid_basis = self.grid_basis * valid[at[:, None], at][reference.mask][:, None]
-        both: tuple[Literal["centres", "areas"], ...] = ("centres", "areas")  # either is right: that which is closer
+        both: tuple[Literal["centres", "areas"], ...] = ("centres", "areas")  # both are right: take the closer one
         images = [exact_kept(reference.device, reference.envmap, side, pixels) for pixels in both]
         self.exact = min(
             (image.astype(np.float64) * reference.albedo for image in images),
@@ -421,16 +405,16 @@ class _Check:
         self.shared = count is not None and not per_pixel
         self.moments = moments(self.basis, self.pixels)
         self.true_moments = moments(self.basis, self.truth)
-        self.of_samples = count if self.shared else None  # that its pixels share
+        self.of_samples = count if self.shared else None  # number of samples that all pixels share
         self.spread = self._spread()
 
     @cached_property
     def noise(self) -> np.ndarray:
-        """Covariance of the moments by noise of single pixels."""
+        """The covariance of the moments that the noise of single pixels causes."""
         return noise_of(self.basis, self.pixels - self.truth, len(self.image))
 
     def _spread(self, drawn: bool = True) -> Spread:
-        """How the moments' size is spread over right images, by sets that are ``drawn`` where that is quick."""
+        """The spread over correct images, measured with ``drawn`` sets of samples where that is fast."""
         covariance, sampling = self._covariance(self.true_moments), self.reference.sampling
         if self.of_samples is None or self.of_samples > MOST_DRAWN or not drawn:
             floor = self.precision**2 * float(self.true_moments @ self.true_moments)
@@ -440,7 +424,7 @@ class _Check:
         return Spread.of(np.einsum("si,si->s", sets, np.linalg.solve(covariance, sets.T).T))
 
     def _covariance(self, expected: np.ndarray, of_one: np.ndarray | None = None, factor: float = 1.0) -> np.ndarray:
-        """That of the moments of an image whose mean ones are ``expected``, from that ``of_one`` sample."""
+        """The covariance of moments with the mean ``expected``, from the covariance ``of_one`` sample."""
         true_size = float(self.true_moments @ self.true_moments)
         size = max(float(expected @ expected), 1e-12 * true_size)
         floor = np.eye(len(expected)) * (self.precision**2 * size)
@@ -451,22 +435,22 @@ class _Check:
         return of_one * (factor**2 / self.of_samples) + floor
 
     def _unscaled(self, hypothesis: _Hypothesis) -> np.ndarray:
-        """The moments that it expects, but for factors."""
+        """The moments that a hypothesis expects, before factors."""
         return self.true_moments + moments(self.grid_basis, hypothesis.pixels - self.reference.right)
 
     def factor(self, hypothesis: _Hypothesis) -> np.ndarray:
-        """The factor on the brightness of each channel that fits best, (3,)."""
+        """The factors on the brightness of the channels that fit best, (3,)."""
         expected = self._unscaled(hypothesis)
         if not hypothesis.factors:
             return np.ones(3)
-        split = np.zeros((len(expected), hypothesis.factors))  # moments are in the order of polynomial, channel
+        split = np.zeros((len(expected), hypothesis.factors))  # the order of moments is (polynomial, channel)
         split[np.arange(len(expected)), np.arange(len(expected)) % hypothesis.factors] = expected
         rough = float(self.moments @ expected) / max(float(expected @ expected), 1e-300)
         weighted = np.linalg.solve(self._covariance(expected * rough, hypothesis.covariance, rough), split)
         return np.resize(np.linalg.lstsq(split.T @ weighted, weighted.T @ self.moments, rcond=None)[0], 3)
 
     def off(self, hypothesis: _Hypothesis) -> float:
-        """Standard deviations between the image and what a hypothesis expects, with the factors that fit best."""
+        """The standard deviations between the image and a hypothesis with its best factors."""
         factor = self.factor(hypothesis)
         expected = self._unscaled(hypothesis) * np.resize(factor, self.moments.shape)
         covariance = self._covariance(expected, hypothesis.covariance, float(factor.mean()))
@@ -474,7 +458,7 @@ class _Check:
         return self.spread.deviations(float(difference @ np.linalg.solve(covariance, difference)))
 
     def hypotheses(self) -> list[_Hypothesis]:
-        """All explanations but the image's being right."""
+        """All explanations with at most one mistake."""
         reference = self.reference
         scales = (0, 1, 3) if self.linear else (1,)
         result = [_Hypothesis(reference.right, factors=scale) for scale in scales if scale]
@@ -489,19 +473,19 @@ class _Check:
         return [self._named(h) for h in result] + self._scaled(reference.causes)
 
     def _scaled(self, mistaken: Sequence[_Hypothesis]) -> list[_Hypothesis]:
-        """With the factors that each may have; without those that cannot be."""
+        """The same with the factors that each may have, without those that are impossible."""
         result = []
         for one in mistaken:
             if any(cause.in_pictures is not None and cause.in_pictures == self.linear for cause in one.causes):
                 continue
-            free = not self.linear or any(0 not in cause.factors for cause in one.causes)
+            free = not self.linear or any(cause.any_brightness for cause in one.causes)
             result += [replace(one, factors=n) for n in ((1,) if free else (0, 1))]
         return [h for h in result if self._is_as_bright(h)]
 
     def _is_as_bright(self, hypothesis: _Hypothesis) -> bool:
-        """Whether the brightness is about what it is with the cause, where that is known roughly."""
-        about = self.linear and any(cause.about for cause in hypothesis.causes)
-        return not about or 0.6 < self.factor(hypothesis)[0] < 1.6
+        """Whether the brightness is near that of the cause, if that is known roughly."""
+        is_known = self.linear and any(cause.rough_brightness for cause in hypothesis.causes)
+        return not is_known or 0.6 < self.factor(hypothesis)[0] < 1.6
 
     def pairs(self) -> list[tuple[float, _Hypothesis]]:
         """Explanations by two mistakes, a flipped image among them, and the standard deviations that each leaves."""
@@ -520,7 +504,7 @@ class _Check:
         return result
 
     def _named(self, hypothesis: _Hypothesis) -> _Hypothesis:
-        """The same, and whether people make its factor."""
+        """The same, with ``is_named``."""
         if hypothesis.factors != 1 or not self.linear:
             return hypothesis
         return replace(hypothesis, is_named=bool(self._reason(float(self.factor(hypothesis)[0]))))
@@ -535,7 +519,7 @@ class _Check:
         if not self.pixels.any():
             return told(False, "does not agree: the image is black", right)
         if self.is_white:
-            return told(None, "cannot tell: nearly all of the picture is white; make it darker", right)
+            return told(None, "cannot tell: nearly all of the picture is white; use a lower exposure", right)
         if off < LIMIT:
             return told(True, self._agreement(rmse), right)
         if self.count is None and rmse < CONVERGED:
@@ -543,13 +527,15 @@ class _Check:
         if not self.shared:
             by_cosine, noisy, events = self._by_cosine()
             if by_cosine < LIMIT and noisy:
-                return told(True, f"agrees: relative RMSE {rmse:.2%}, as directions drawn by the cosine leave", right)
+                return told(
+                    True, f"agrees: relative RMSE {rmse:.2%}, as expected if directions are drawn by the cosine", right
+                )
             if by_cosine < LIMIT and events < EVENTS:
                 return told(
                     None,
                     f"cannot tell: relative RMSE {rmse:.2%}; if directions are drawn by the cosine, so few of them may"
-                    " miss lamps of this map altogether; give an image of more pixels, or of more samples per pixel"
-                    + (", and their number with --samples or --spp" if self.count is None else ""),
+                    " miss some lamps of this map; use an image with more pixels or more samples per pixel"
+                    + (", and give their number with --samples or --spp" if self.count is None else ""),
                     right,
                 )
         most = self._samples_that_agree(right) if self.count is None else 0
@@ -571,8 +557,8 @@ class _Check:
         if most:
             return told(
                 None,
-                f"cannot tell: relative RMSE {rmse:.2%}, which is right for at most {most} samples that all pixels"
-                " share; give their number with --samples, or with --spp that of each pixel",
+                f"cannot tell: relative RMSE {rmse:.2%}, which would be right if all pixels share {most} samples or"
+                " fewer; give the number of samples with --samples, or per pixel with --spp",
                 right,
             )
         pairs = sorted(((left + h.simplicity, h) for left, h in self.pairs()), key=lambda pair: pair[0])
@@ -583,22 +569,22 @@ class _Check:
                 return told(False, f"does not agree; two mistakes: {self._explanation(best)}", best)
             closest = ", or ".join(" with ".join(filter(None, self._name(h))) for h in (best, *rivals[:2]))
             return told(False, f"does not agree; more than one mistake; closest: {closest}", right)
-        return told(False, f"biased by {off:.0f} standard deviations, for no reason that is known here", right)
+        return told(False, f"biased by {off:.0f} standard deviations; no known mistake explains it", right)
 
     def _is_odd(self, best: _Hypothesis) -> bool:
-        """Whether two mistakes need a factor besides that nobody makes."""
-        free = not self.linear or any(0 not in cause.factors for cause in best.causes)
+        """Whether the two mistakes also need a factor that no known mistake explains."""
+        free = not self.linear or any(cause.any_brightness for cause in best.causes)
         return bool(best.factors) and not free and not self._reason(float(self.factor(best)[0]))
 
     def _rivals(self, tried: Sequence[tuple[float, _Hypothesis]]) -> list[_Hypothesis]:
-        """Those that explain the image nearly as well as the first, and say something else."""
+        """Other explanations that fit nearly as well as the first."""
         score, best = tried[0]
         rivals = {self._name(h): h for other, h in reversed(tried[1:]) if other < score + CLEAR}
         rivals.pop(self._name(best), None)
         return list(reversed(rivals.values()))
 
     def _samples_that_agree(self, hypothesis: _Hypothesis) -> int:
-        """The largest power of two of shared samples that would leave so much, 0 if none."""
+        """The largest power of two for which the image would agree with so many shared samples, or 0."""
         for power in range(30, 3, -1):
             self.of_samples = 2**power
             self.spread = self._spread(drawn=False)
@@ -607,8 +593,11 @@ class _Check:
         return 0
 
     def _by_cosine(self) -> tuple[float, bool, float]:
-        """Of an image whose directions are drawn by the cosine: how far off it is in standard deviations, whether it
-        is as noisy, and in how many samples all of its light would come if each had as much."""
+        """Suppose that directions are drawn by the cosine.
+
+        Returns by how many standard deviations the image is then off, whether it is noisy enough for that, and how many
+        equally strong samples would carry all of its light.
+        """
         sampling, basis = self.reference.sampling, self.reference.basis
         square = sampling.square_by_cosine()
         count = (self.count or 1) * len(self.pixels)
@@ -625,18 +614,18 @@ class _Check:
 
     def _agreement(self, rmse: float) -> str:
         if self.expected is None:
-            return f"agrees: relative RMSE {rmse:.2%}, all of it noise"
+            return f"agrees: relative RMSE {rmse:.2%}, only noise"
         e = self.expected
         per = "samples per pixel" if e.per_pixel else "samples"
         within = "less than" if rmse < e.low else "within what" if rmse <= e.high else "more than"
-        drawn = " drawn as the light is" if rmse > 2 * e.high else ""
+        drawn = " drawn in proportion to the light" if rmse > 2 * e.high else ""
         return (
             f"agrees: relative RMSE {rmse:.2%}, {within} {e.count} {per}{drawn} leave ({e.mean:.2%}, expected"
             f" {e.low:.2%} to {e.high:.2%})"
         )
 
     def _name(self, hypothesis: _Hypothesis) -> tuple[str, ...]:
-        """What hypotheses that say the same have in common."""
+        """The causes and the orientation."""
         return *(cause.name for cause in hypothesis.causes), str(hypothesis.orientation or "")
 
     def _explanation(self, best: _Hypothesis) -> str:
@@ -644,26 +633,23 @@ class _Check:
         if best.orientation:
             said.append(best.orientation.told())
         factor = self.factor(best)
-        if best.factors and self.linear and all(0 in cause.factors for cause in best.causes):
-            said.append(self._brightness(factor) if best.factors == 1 else self._colours(factor))
-        return "; ".join(said) or "the image is right but for its brightness"
-
-    def _colours(self, factor: np.ndarray) -> str:
-        return "red {:.4g}, green {:.4g}, blue {:.4g} times too bright, and otherwise right".format(*factor)
-
-    def _brightness(self, factors: np.ndarray) -> str:
-        factor = float(factors[0])
-        return f"{factor:.4g} times too bright{self._reason(factor) or ', for no reason that is known here'}"
+        if best.factors and self.linear and not any(cause.any_brightness for cause in best.causes):
+            if best.factors == 1:
+                reason = self._reason(float(factor[0])) or "; no known mistake explains it"
+                said.append(f"{factor[0]:.4g} times too bright{reason}")
+            else:
+                said.append("red {:.4g}, green {:.4g}, blue {:.4g} times too bright, otherwise right".format(*factor))
+        return "; ".join(said) or "only the brightness is wrong"
 
     def _reason(self, factor: float) -> str:
-        """ ": " and what makes an image ``factor`` times too bright, else ""."""
+        """ ": " and why an image may be ``factor`` times too bright, or ""."""
         tolerance = 0.02 if not self.expected else max(0.02, 2 * self.expected.mean)
         close = [(abs(math.log(factor / value)), name) for value, name in self.reference.factors.items() if factor > 0]
         distance, name = min(close, default=(math.inf, ""))
         return f": {name}" if distance < tolerance else ""
 
     def _teller(self, off: float, rmse: float) -> Callable[[bool | None, str, _Hypothesis], ImageCheck]:
-        """A function that makes the result of whether the image agrees, the verdict, and the best hypothesis."""
+        """A function from whether the image agrees, the verdict, and the best hypothesis to the result."""
         shape = len(self.exact)
 
         def told(agrees: bool | None, verdict: str, best: _Hypothesis) -> ImageCheck:
@@ -679,7 +665,7 @@ class _Check:
             return ImageCheck(
                 agrees=agrees,
                 verdict=verdict,
-                cause=next(iter(best.causes), None),
+                causes=best.causes,
                 orientation=str(best.orientation or ""),
                 factor=by_channel,
                 disc=self.disc,

@@ -1,6 +1,7 @@
-"""The laws by which pixels of a map are drawn, the right one and those of known mistakes: weights (H, W) of a map.
+"""The laws by which the pixels of a map are drawn: the correct one, and those of known mistakes.
 
-The names are those of causes; a name's first law is the one that images are compared with.
+A law gives the weights (H, W) of a map. Its name is that of its cause; if several laws share a name, images are
+compared with the first of them.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from ..maps.geometry import row_angles
 
 Law = Callable[[np.ndarray], np.ndarray]  # from radiance (H, W, 3) to weights (H, W)
 
-# What the map's values may have become.
+# How a program may change the map's values by mistake.
 CHANGES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "map clipped to 1": lambda L: np.minimum(L, 1),
     "map clipped to 255": lambda L: np.minimum(L, 255),
@@ -37,7 +38,7 @@ def right(radiance: np.ndarray) -> np.ndarray:
 
 
 def _share(radiance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """p(y) up to a factor (H, 1), and p(x | y)."""
+    """p(y) up to a factor, (H, 1), and p(x | y), (H, W)."""
     weight = right(radiance)
     rows = weight.sum(axis=1, keepdims=True)
     return rows, np.divide(weight, rows, out=np.zeros_like(weight), where=rows > 0)
@@ -68,7 +69,7 @@ def _shifted_rows(step: int) -> Law:
 
 
 def _same_number(radiance: np.ndarray) -> np.ndarray:
-    """Row y is drawn by u in a step of the rows' CDF, and column x by the same u: the steps' common part."""
+    """One u picks row y and column x: the weight is the overlap of their steps in the two CDFs."""
     rows, share = _share(radiance)
     down = np.concatenate([[0], np.cumsum(rows)])
     down /= max(down[-1], 1e-300)
@@ -107,7 +108,7 @@ LAWS: tuple[tuple[str, Law], ...] = (
 
 
 def laws(radiance: np.ndarray) -> list[tuple[str, np.ndarray]]:
-    """The probabilities (H, W) of each mistake that this map shows, by name; their sums are 1."""
+    """The names and the probabilities (H, W), which sum to 1, of the mistakes that make a difference for this map."""
     truth = right(radiance)
     truth /= truth.sum()
     result = []

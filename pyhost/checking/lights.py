@@ -1,7 +1,7 @@
 """Do a few directional lights stand for a map?
 
-Their total flux must be the map's, and the irradiance that they cause on surfaces of all directions like the map's. How
-alike it can be with so many lights is known of median cut, and of samples: either is right.
+Their total flux must be the map's, and surfaces facing any direction must receive nearly the same irradiance from the
+lights as from the map. How close so many lights can come is known for a median cut and for samples; either is right.
 
 Sources: Debevec, A Median Cut Algorithm for Light Probe Sampling (2005); Pharr, Jakob, Humphreys, Physically Based
 Rendering, 4th ed., 2.1 (variance).
@@ -27,80 +27,81 @@ from .causes import Cause
 from .laws import CHANGES
 from .places import CAUSES_OF_PLACES, Turn, turns
 from .samples import UNIT
-from .tables import TableCheck, cause_named, colours_of, directions_of, read_table, unit, verdict_of
+from .tables import TableCheck, cause_named, colours_of, directions_of, read_table, unit
 
-NORMALS = 400
-FINE = 2**14  # lights that stand for the whole map
-FLUX = 5e-3  # relative
-MORE = 3.0  # times the error of a median cut, up to which lights agree
-CHANCE = 2.5  # times the expected error of samples
+NORMALS = 400  # directions in which irradiance is compared
+FINE = 2**14  # lights that replace the whole map
+FLUX = 5e-3  # allowed relative error of the total flux
+MORE = 3.0  # lights may have so many times the error of a median cut
+CHANCE = 2.5  # samples may have so many times their expected error
+OVERLAP = 30.0  # by which factor a cut line in both halves, or in neither, may change the flux
 
 CAUSES_OF_LIGHTS = (
     *CAUSES_OF_PLACES,
     Cause(
         "flux normalised away",
-        "the lights have strengths of 1, or strengths whose sum is 1: the flux of the map is lost",
-        "the image has another brightness, by the map's total flux",
-        "where a region's light is made: its flux is the sum of radiance x solid angle",
+        "the strengths of the lights are all 1, or their sum is 1, so the flux of the map is lost",
+        "the brightness of the image is off by the total flux of the map",
+        "where the light of a region is computed: its flux is the sum of radiance x solid angle",
     ),
     Cause(
         "cut line in both halves",
-        "the row or column where a region is cut belongs to both halves, so that its light counts twice",
-        "somewhat too bright, the more so the more lights there are",
-        "where a region is cut in two: one half ends where the other begins",
+        "the row or column where a region is cut belongs to both halves, so its light counts twice",
+        "somewhat too bright, more so with more lights",
+        "where a region is cut in two: one half must end where the other begins",
     ),
     Cause(
         "cut line in neither half",
-        "the row or column where a region is cut, or the map's last one, belongs to no half: its light is lost",
-        "somewhat too dark, the more so the more lights there are",
-        "where a region is cut in two: one half ends where the other begins",
+        "the row or column where a region is cut, or the last of the map, belongs to neither half: its light is lost",
+        "somewhat too dark, more so with more lights",
+        "where a region is cut in two: one half must end where the other begins",
     ),
     Cause(
         "solid angle missing",
-        "the flux is the sum of radiance x sin(theta), without the 2 pi^2 / (W H) of a pixel's solid angle",
+        "the flux is the sum of radiance x sin(theta), without the factor 2 pi^2 / (W H) of the solid angle",
         "thousands of times too bright",
-        "where a region's light is made",
+        "where the light of a region is computed",
     ),
     Cause(
         "pi missing",
         "the flux is off by a factor of pi",
         "3.14 times too bright or too dark",
-        "where a region's light is made, or pi of the BRDF is divided out of it: it belongs to the surface",
+        "where the light of a region is computed: the 1 / pi of the BRDF belongs to the surface, not to the light",
     ),
     Cause(
         "flux scaled",
         "the total flux is that of the map times a factor",
         "the image is too bright or too dark",
-        "where a region's light is made",
+        "where the light of a region is computed",
     ),
     Cause(
-        "directions of no known lights",
-        "the total flux is right, but the light comes from elsewhere",
-        "lamps are at wrong places",
-        "where a region's direction is made: the mean of its pixels' directions, weighted by their flux",
+        "wrong directions",
+        "the total flux is right, but the light comes from other directions",
+        "lamps are in the wrong places",
+        "where the direction of a region is computed: the mean direction of its pixels, weighted by flux",
     ),
 )
 
 
 def read_lights(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
-    """Directions and fluxes, (N, 3) each, of a CSV or NPZ file; see :mod:`lightdome.checking.tables`.
+    """The directions and fluxes, (N, 3) each, in a CSV or NPZ file; see :mod:`lightdome.checking.tables`.
 
-    Raises :class:`LightdomeError` for a file that cannot be read, or lacks one of the two.
+    Raises :class:`LightdomeError` for a file that cannot be read, or lacks either.
     """
     table = read_table(path)
     flux = colours_of(table)
     if flux is None:
-        raise LightdomeError(f"{path}: it needs the lights' flux, as columns red, green, blue or an array flux (N, 3)")
+        raise LightdomeError(f"{path}: no flux of lights: expected columns red, green, blue or an array flux (N, 3)")
     return directions_of(table, path), flux
 
 
 def check_lights(device: Device, envmap: EnvironmentMap, direction: np.ndarray, flux: np.ndarray) -> TableCheck:
-    """Compare lights of ``envmap`` with the map, and with a median cut of as many lights.
+    """Compare lights with ``envmap``, for which they stand, and with a median cut into as many lights.
 
     - ``direction``: (N, 3), towards the lights
     - ``flux``: (N, 3), radiance x steradian
 
-    Raises :class:`LightdomeError` for arrays of other shapes, values that are not finite, and for a black map.
+    Raises :class:`LightdomeError` for arrays of other shapes, for values that are not finite, and for a black map.
     """
     checks.instance("the device", device, Device)
     checks.instance("the map", envmap, EnvironmentMap)
@@ -109,7 +110,7 @@ def check_lights(device: Device, envmap: EnvironmentMap, direction: np.ndarray, 
     if len(direction) == 0:
         raise LightdomeError("there must be at least one light, got none")
     if not envmap.peak > 0:
-        raise LightdomeError("the map is black: it has no lights, and there is nothing to check")
+        raise LightdomeError("the map is black: it has no lights")
     if not np.isfinite(flux).all():
         n = int(np.argmin(np.isfinite(flux).all(axis=1)))
         raise LightdomeError(f"flux must be finite, got {checks.told(flux[n].tolist())} (light {n})")
@@ -117,7 +118,7 @@ def check_lights(device: Device, envmap: EnvironmentMap, direction: np.ndarray, 
 
 
 def _normals() -> np.ndarray:
-    """Unit vectors that cover the sphere evenly, by the golden ratio."""
+    """Unit vectors spread evenly over the sphere, a spiral with the golden angle."""
     n = np.arange(NORMALS)
     y, phi = 1 - (2 * n + 1) / NORMALS, n * (math.pi * (3 - math.sqrt(5)))
     sine = np.sqrt(1 - y * y)
@@ -125,7 +126,7 @@ def _normals() -> np.ndarray:
 
 
 def _geometries(direction: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
-    """The directions as they would be without a known mistake."""
+    """Names of mistakes in the angles, and the directions with each of them undone."""
     theta = np.arccos(np.clip(direction[:, 1], -1, 1))
     phi = np.arctan2(direction[:, 2], direction[:, 0]) % (2 * np.pi)
     for name, (t, f) in {
@@ -141,6 +142,8 @@ class _Lights:
         self.radiance = envmap.radiance.astype(np.float64)
         self.direction, self.off_unit = unit(direction)
         self.flux, self.count = flux, len(flux)
+        strength = flux.mean(axis=1)
+        self.drawn = np.ptp(strength) <= 1e-3 * strength.mean()  # lights made from samples are equally strong
         self.normal = _normals()
         distribution = build_distribution(device, envmap)
         whole = median_cut(distribution, FINE)
@@ -157,7 +160,7 @@ class _Lights:
         self.area = float(area.max() / np.sin(row_angles(envmap.height)).max())
 
     def error(self, direction: np.ndarray, flux: np.ndarray) -> float:
-        """Relative RMSE of the irradiance over all directions of the normal."""
+        """The relative RMSE of the irradiance over all normals."""
         return relative_rmse(np.maximum(0, self.normal @ direction.T) @ flux, self.exact)
 
     def result(self) -> TableCheck:
@@ -165,9 +168,7 @@ class _Lights:
         found = self.flux.sum(axis=0)
         factor = float(found.sum() / self.total.sum())
         scaled = self.flux if abs(factor - 1) < FLUX or not factor > 0 else self.flux / factor
-        light = self.flux.mean(axis=1)
-        drawn = np.ptp(light) <= 1e-3 * light.mean()  # lights of samples have equal strengths
-        limit = max(self.close, CHANCE * self.sample_error) if drawn else self.close
+        limit = max(self.close, CHANCE * self.sample_error) if self.drawn else self.close
         error = self.error(self.direction, scaled)
         swapped = error > limit and self.error(self.direction, scaled[:, ::-1]) < min(limit, error / 2)
         if swapped:
@@ -185,38 +186,32 @@ class _Lights:
             "relative_rmse_expected_of_samples": self.sample_error,
         }
 
-        def add(name: str, more: str = "") -> None:
-            causes.append((cause_named(name, CAUSES_OF_LIGHTS), more))
+        def add(name: str, remark: str = "") -> None:
+            causes.append((cause_named(name, CAUSES_OF_LIGHTS), remark))
 
         if self.off_unit > UNIT:
-            add("directions not normalised", f"one is off by {self.off_unit:.2g}")
+            add("directions not normalised", f"by up to {self.off_unit:.2g}")
         if geometry:
             add(geometry)
         if swapped:
             add("channels swapped")
         elif abs(factor - 1) >= FLUX:
-            add(*self.flux_mistake(found, factor, drawn or (turned <= self.close and not geometry)))
+            add(*self.flux_mistake(found, factor, self.drawn or (turned <= self.close and not geometry)))
         elif turned > limit:
-            add(
-                "directions of no known lights", f"relative RMSE {turned:.1%}, a median cut leaves {self.cut_error:.1%}"
-            )
-        orientation = str(turn)
-        wrongly_turned = bool(orientation) and turn.preset is None
-        if causes or wrongly_turned:
-            cause = causes[0][0] if causes else None
-            verdict = verdict_of(causes, orientation if wrongly_turned else "")
-            return TableCheck(False, verdict, cause, orientation, details)
-        verdict = f"agrees: relative RMSE of the irradiance {turned:.2%}, a median cut of so many leaves"
-        verdict += f" {self.cut_error:.2%}, samples {self.sample_error:.2%}"
-        return TableCheck(True, verdict + (f"; {orientation}" if orientation else ""), None, orientation, details)
+            add("wrong directions", f"relative RMSE {turned:.1%}; that of a median cut is {self.cut_error:.1%}")
+        agreement = (
+            f"agrees: the relative RMSE of the irradiance is {turned:.2%}; for a median cut into as many lights it is"
+            f" {self.cut_error:.2%}, for samples {self.sample_error:.2%}"
+        )
+        return TableCheck.of(causes, details, agreement, str(turn), turn.is_wrong)
 
     def orientation(self, flux: np.ndarray, error: float, limit: float) -> tuple[Turn, str, float]:
-        """The turn of the directions, a mistake in their angles, and the error that is left."""
+        """How the directions are turned, the mistake in their angles, and the remaining error."""
         own = Turn("", 0.0), "", error
         if error <= limit:
             return own
         tried = [(self.error(self.direction @ turn.matrix.T, flux), turn) for turn in turns()]
-        # A convention that chance allows is likelier than a turn that fits better.
+        # A convention within the limit is likelier than a turn of no convention that fits better.
         tried = [(e, turn) for e, turn in tried if turn.preset and e <= limit] or tried
         least = min(e for e, _ in tried)
         turned, turn = next((e, t) for e, t in tried if e <= least * 1.001)
@@ -228,14 +223,12 @@ class _Lights:
         return best if best[2] <= limit and best[2] < 0.7 * error else own
 
     def flux_mistake(self, found: np.ndarray, factor: float, alike: bool) -> tuple[str, str]:
-        """The cause of another total flux, and a remark; ``alike`` says that nothing else is wrong."""
-        more = f"{factor:.4g} times that of the map"
-        light = self.flux.mean(axis=1)
-        drawn_evenly = np.ptp(light) <= 1e-3 * light.mean()
-        if drawn_evenly and any(abs(light[0] * n - 1) < 1e-3 for n in (1, self.count)):
-            return "flux normalised away", more
+        """The cause of a wrong total flux, and a remark; ``alike`` says that nothing else is wrong."""
+        remark = f"{factor:.4g} times that of the map"
+        if self.drawn and any(abs(self.flux[0].mean() * n - 1) < 1e-3 for n in (1, self.count)):
+            return "flux normalised away", remark
         if any(abs(total - 1) < 1e-3 for total in (found.sum(), found.mean(), self.flux.max())):
-            return "flux normalised away", more
+            return "flux normalised away", remark
         area = self.area
         sine = np.sin(row_angles(len(self.radiance)))[:, None, None]
         per_pixel = 4 * math.pi / self.radiance[..., 0].size
@@ -244,18 +237,19 @@ class _Lights:
             return any(np.abs(found - other * f).max() < FLUX / 2 * (other * f).max() for f in factors)
 
         if is_that_of(self.radiance.sum(axis=(0, 1)), 1, area, per_pixel):
-            return "no sin(theta)", more
+            return "no sin(theta)", remark
         if is_that_of((self.radiance * sine**2).sum(axis=(0, 1)), 1, area, per_pixel):
-            return "sin(theta) twice", more
+            return "sin(theta) twice", remark
         if is_that_of(self.total, 1 / area):
-            return "solid angle missing", more
+            return "solid angle missing", remark
         for name, change in CHANGES.items():
             with np.errstate(over="ignore"):
                 other = (change(self.radiance) * sine).sum(axis=(0, 1)) * area
             if is_that_of(other, 1):
-                return name, more
+                return name, remark
         if is_that_of(self.total, math.pi, 1 / math.pi):
-            return "pi missing", more
-        if alike and (drawn_evenly or is_that_of(self.total, factor)):
-            return "flux scaled", more
-        return ("cut line in both halves" if factor > 1 else "cut line in neither half"), more
+            return "pi missing", remark
+        scaled = alike and (self.drawn or is_that_of(self.total, factor))
+        if scaled or not 1 / OVERLAP < factor < OVERLAP:
+            return "flux scaled", remark
+        return ("cut line in both halves" if factor > 1 else "cut line in neither half"), remark

@@ -1,4 +1,4 @@
-"""Is an image of probabilities or densities, or a table of densities by direction, that of a map?"""
+"""Does an image of probabilities or densities, or a table of densities by direction, belong to a map?"""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from ..maps.geometry import solid_angles
 from ..maps.images import READABLE, read_image
 from .laws import laws, right
 from .samples import CAUSES_OF_SAMPLES, CLOSE, Located, factor_named
-from .tables import TableCheck, cause_named, column, directions_of, read_table, verdict_of
+from .tables import TableCheck, cause_named, column, directions_of, read_table
 
 NAMES = ("pdf", "density", "probability", "p")
 PER = ("either", "steradian", "pixel")
 
 
 def read_pdf(path: str | Path) -> tuple[np.ndarray, np.ndarray | None]:
-    """Densities, and their directions or None for an image, of a PFM, EXR, HDR, NPZ or CSV file.
+    """The densities in a PFM, EXR, HDR, NPZ or CSV file, and their directions, which are None for an image.
 
-    Raises :class:`LightdomeError` for a file that cannot be read, has other columns, or an image in colour.
+    Raises :class:`LightdomeError` for a file that cannot be read or lacks densities, and for an image in colour.
     """
     path = checks.path(path)
     if path.suffix.lower() in READABLE:
         image = read_image(path)
         if np.ptp(image, axis=2).any():
-            raise LightdomeError(f"{path}: an image of densities must be grey, and this one has colours")
+            raise LightdomeError(f"{path}: an image of densities must be grey, but this one has colours")
         return image[..., 0], None
     table = read_table(path)
     for name in NAMES:
         if name in table and table[name].ndim == 2:
             return table[name], None
-    values = column(table, *NAMES)
+    values = column(table, "pdf", "density")
     if values is None:
-        raise LightdomeError(f"{path}: it needs densities, as a column or an array named one of {', '.join(NAMES)}")
+        raise LightdomeError(f"{path}: no densities: expected a column or an array named pdf")
     return values, directions_of(table, path)
 
 
@@ -48,12 +48,12 @@ def check_pdf(
     direction: np.ndarray | None = None,
     per: Literal["either", "steradian", "pixel"] = "either",
 ) -> TableCheck:
-    """Compare ``pdf`` with the probabilities of the pixels of ``envmap``, or with the densities per steradian.
+    """Compare ``pdf`` with the probabilities of the pixels of ``envmap``, or with their densities per steradian.
 
-    - ``pdf``: (H, W), an image of one or the other; or (N,), densities per steradian at ``direction`` (N, 3)
-    - ``per``: what an image must hold, if only one of them is right
+    - ``pdf``: (H, W), an image of probabilities or densities; or (N,), densities per steradian at ``direction`` (N, 3)
+    - ``per``: whether an image must hold probabilities of pixels or densities per steradian; either, by default
 
-    Raises :class:`LightdomeError` for arrays of other shapes, values that are not finite, and for a black map.
+    Raises :class:`LightdomeError` for arrays of other shapes, for values that are not finite, and for a black map.
     """
     checks.choice("what the values are per", per, PER)
     if direction is not None:
@@ -61,7 +61,7 @@ def check_pdf(
     checks.instance("the map", envmap, EnvironmentMap)
     image = checks.array("the pdf", pdf, ("H", "W"), np.float64)
     if not envmap.peak > 0:
-        raise LightdomeError("the map is black: nothing can be drawn from it, and there is nothing to check")
+        raise LightdomeError("the map is black: nothing can be drawn from it")
     if not np.isfinite(image).all():
         y, x = np.argwhere(~np.isfinite(image))[0]
         raise LightdomeError(f"the pdf must be finite, got {image[y, x]} at x = {x}, y = {y}")
@@ -75,7 +75,7 @@ def check_pdf(
 
 
 def _arranged(image: np.ndarray, p: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
-    """The image as it may have been turned, back in the map's arrangement."""
+    """The image with each way undone in which it may have been turned, and a name for that way."""
     if image.shape == p.shape:
         yield "", image
         yield "upside down", image[::-1]
@@ -95,13 +95,13 @@ def _arranged(image: np.ndarray, p: np.ndarray) -> Iterator[tuple[str, np.ndarra
 
 
 def _step(image: np.ndarray, p: np.ndarray) -> int:
-    """By how many columns to the right the image must move to be most like ``p``."""
+    """By how many columns the image must move to the right to be most like ``p``."""
     turned = np.fft.rfft(p, axis=1) * np.conj(np.fft.rfft(image, axis=1))
     return int(np.fft.irfft(turned.sum(axis=0), p.shape[1]).argmax())
 
 
 def _unlike(values: np.ndarray, q: np.ndarray) -> float:
-    """Half the sum of differences, after both are normalised: 0 to 1."""
+    """The total variation distance between the normalised values and ``q``, 0 to 1."""
     total = values.sum()
     return float(np.abs(values / total - q).sum() / 2) if total > 0 else 1.0
 
@@ -113,7 +113,7 @@ def _image(radiance: np.ndarray, image: np.ndarray, per: str) -> TableCheck:
     best: tuple[tuple[bool, bool, float], float, str, str, str, float] | None = None
 
     def consider(values: np.ndarray, q: np.ndarray, name: str, orientation: str) -> bool:
-        """Whether it fits; one whose sum is 1 is better than one whose sum is not."""
+        """Keep the best of all; say whether this one fits and its sum is 1."""
         nonlocal best
         for unit, probabilities in ("pixel", values), ("steradian", values * area):
             unlike, total = _unlike(probabilities, q), float(probabilities.sum())
@@ -134,7 +134,7 @@ def _image(radiance: np.ndarray, image: np.ndarray, per: str) -> TableCheck:
     _, unlike, name, orientation, unit, total = best
     details: dict[str, object] = {"total_variation_distance": unlike, "values_per": unit, "sum": total}
     if unlike >= CLOSE:
-        return TableCheck(False, "does not agree; it is the density of no law that is known here", None, "", details)
+        return TableCheck(agrees=False, verdict="does not agree; no known mistake explains it", details=details)
     causes = []
     if name:
         causes.append((cause_named(name, CAUSES_OF_SAMPLES), ""))
@@ -143,12 +143,10 @@ def _image(radiance: np.ndarray, image: np.ndarray, per: str) -> TableCheck:
         causes.append((cause_named(wrong_unit, CAUSES_OF_SAMPLES), ""))
     if abs(total - 1) > CLOSE:
         if abs(total / p.size - 1) < CLOSE and unit == "pixel":
-            causes.append((cause_named("density over the map", CAUSES_OF_SAMPLES), "the mean over the image is 1"))
+            causes.append((cause_named("density over the map", CAUSES_OF_SAMPLES), "its mean over the image is 1"))
         else:
-            more = f"they sum to {total:.5g}{factor_named(radiance, total)}"
-            causes.append((cause_named("not normalised", CAUSES_OF_SAMPLES), more))
-    if causes or orientation:
-        cause = causes[0][0] if causes else None
-        return TableCheck(False, verdict_of(causes, orientation), cause, orientation, details)
+            remark = f"they sum to {total:.5g}{factor_named(radiance, total)}"
+            causes.append((cause_named("not normalised", CAUSES_OF_SAMPLES), remark))
     what = "probabilities of pixels" if unit == "pixel" else "densities per steradian"
-    return TableCheck(True, f"agrees: {what}, total variation distance {unlike:.2g}", None, "", details)
+    agreement = f"agrees: {what}, total variation distance {unlike:.2g}"
+    return TableCheck.of(causes, details, agreement, orientation, is_turned=bool(orientation))

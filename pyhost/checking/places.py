@@ -1,10 +1,11 @@
-"""Which pixels of a map do directions lie in? The convention is found by the values that belong to the directions.
+"""In which pixels of a map do directions lie? The values that belong to the directions reveal their convention.
 
-A convention is a signed permutation of the axes, of which twelve differ by more than a turn about the vertical, then a
-turn by whole columns or by a quarter. The one that fits best has most directions with the value of their own pixel; of
-those that fit alike, lightdome's own comes first, then the presets of :mod:`lightdome.maps.conventions`.
+A convention is a signed permutation of the axes, followed by a turn about the vertical by quarters or by whole columns.
+Twelve of the permutations differ by more than such a turn. The convention that fits best is the one in which most
+directions have the value of their pixel; on a tie, lightdome's own wins, then the presets of
+:mod:`lightdome.maps.conventions`.
 
-Where pixels become directions, mistakes put them on other lattices: corners of pixels, or theta over half the rows.
+Programs that compute the direction of a pixel wrongly put directions elsewhere, for example on the corners of pixels.
 """
 
 from __future__ import annotations
@@ -20,12 +21,12 @@ from ..maps.rotation import rotation_matrix
 from .causes import Cause
 from .laws import CHANGES
 
-FEW = 96  # directions that conventions are tried with
-SAME = 1e-3  # relative difference of values that are the same but for their printed digits
-FITS = 0.9  # share of the directions that a convention must fit
-ON_LATTICE = 3e-5  # radians
+FEW = 96  # directions with which conventions are tried
+SAME = 1e-3  # allowed relative difference of values, which may have been printed with few digits
+FITS = 0.9  # share of the directions that must fit
+ON_LATTICE = 3e-5  # radians; allowed error of a direction
 
-# Turns that differ by more than one about +y: what is up in the file, and whether it is mirrored.
+# The permutations of axes that differ by more than a turn about +y.
 _AXES = {
     "": np.diag([1.0, 1, 1]),
     "mirrored front to back, as if phi ran the other way": np.diag([1.0, 1, -1]),
@@ -44,7 +45,7 @@ _AXES = {
 
 @dataclass(frozen=True)
 class Turn:
-    """From the file's directions to lightdome's: one of :data:`_AXES`, then right by ``shift`` of the map's width."""
+    """From a file's directions to lightdome's: one of :data:`_AXES`, then a shift by a share of the map's width."""
 
     axes: str
     shift: float
@@ -55,12 +56,17 @@ class Turn:
 
     @property
     def preset(self) -> str | None:
-        """The preset that it is."""
+        """The preset with the same axes, or None."""
         for name, preset in PRESETS.items():
             matrix = rotation_matrix(-90 * preset.quarters) @ np.array(preset.axes).T
             if np.abs(matrix - self.matrix).max() < 1e-6:
                 return name
         return None
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether directions are turned, and not as in any preset."""
+        return bool(str(self)) and self.preset is None
 
     def __str__(self) -> str:
         if self.preset:
@@ -73,7 +79,7 @@ class Turn:
         return " and ".join(part for part in (self.axes, yaw) if part)
 
 
-# ---- lattices: from places v, u (0 to H, 0 to W) to rows and columns ----
+# ---- Lattices: from places v and u, 0 to H and 0 to W, to rows and columns ----
 
 Lattice = Callable[[np.ndarray, int], np.ndarray]
 
@@ -92,16 +98,16 @@ def _last(at: np.ndarray, count: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Geometry:
-    """How a program makes a direction of a pixel: ``name`` of the mistake, "" for none; and the way back."""
+    """How a program places the direction of a pixel, with the ``name`` of its mistake, "" for none."""
 
     name: str
     rows: Lattice = _inside
     columns: Lattice = _inside
-    scale: tuple[float, float] = (1, 1)  # v and u are so many times too small
+    scale: tuple[float, float] = (1, 1)  # by which v and u are too small
     swapped: bool = False
 
     def pixels(self, v: np.ndarray, u: np.ndarray, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-        """Rows and columns of places, as whole numbers."""
+        """The rows and columns, integers, in which places lie."""
         if self.swapped:
             v, u = u * (height / width), v * (width / height)
         y = self.rows(v * self.scale[0], height).astype(np.int64)
@@ -130,7 +136,7 @@ GEOMETRIES = (
 
 
 def on_lattice(geometry: Geometry, v: np.ndarray, u: np.ndarray, height: int, width: int) -> bool:
-    """Whether all places lie on the geometry's lattice, so that it made them."""
+    """Whether all places lie on the lattice of the geometry."""
     sine = np.sin(np.pi * v / height)
     for lattice, at, count, size in (
         (geometry.rows, v, height, np.pi / height),
@@ -151,7 +157,7 @@ def at_centres(v: np.ndarray, u: np.ndarray, height: int, width: int) -> bool:
 
 
 def places(direction: np.ndarray, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """Where directions (N, 3) lie in the map: v from 0 to H, u from 0 to W."""
+    """Where directions (N, 3) lie in the map: v from 0 at the top to H, u from 0 to W."""
     x, y, z = direction.T
     v = np.arctan2(np.hypot(x, z), y) * (height / np.pi)
     return v, np.arctan2(z, x) * (width / (2 * np.pi)) % width
@@ -159,22 +165,13 @@ def places(direction: np.ndarray, height: int, width: int) -> tuple[np.ndarray, 
 
 @dataclass(frozen=True)
 class Fit:
-    """How directions and their values fit the map: the share ``fitting`` after a ``factor`` on the values."""
+    """How directions and their values fit the map: the share ``fitting`` once values are divided by ``factor``."""
 
     turn: Turn
     geometry: Geometry = RIGHT
-    change: str = ""  # of the map's values: a name of CHANGES
+    change: str = ""  # of the values: a name in CHANGES
     factor: float = 1.0
     fitting: float = 0.0
-
-
-def _turns(width: int, all_columns: bool) -> Iterator[tuple[str, list[float]]]:
-    """Every one of :data:`_AXES` with its shifts."""
-    shifts = [k / 4 for k in range(4)]
-    if all_columns:
-        shifts += [k / width for k in range(width) if (4 * k) % width]
-    for axes in _AXES:
-        yield axes, shifts
 
 
 def _preference(turn: Turn) -> int:
@@ -182,23 +179,26 @@ def _preference(turn: Turn) -> int:
 
 
 def turns() -> list[Turn]:
-    """All by whole quarters, lightdome's own first, then those of presets."""
+    """All turns by quarters: lightdome's own first, then those of presets."""
     return sorted((Turn(axes, k / 4) for axes in _AXES for k in range(4)), key=_preference)
 
 
 def find_fit(radiance: np.ndarray, direction: np.ndarray, values: np.ndarray) -> Fit:
-    """The convention by which unit vectors (N, 3) have the ``values`` (N, C) of their pixels of a map (H, W, C)."""
+    """The convention in which unit vectors (N, 3) have the ``values`` (N, C) of their pixels in a map (H, W, C)."""
     chosen = _few(values)
     direction, value = direction[chosen], values[chosen].sum(axis=1)
     sums = radiance.sum(axis=2)
+    width = sums.shape[1]
+    quarters = [k / 4 for k in range(4)]
+    columns = quarters + [k / width for k in range(width) if (4 * k) % width]
 
     def search(
-        maps: Iterable[tuple[str, np.ndarray]], geometries: Iterable[Geometry], all_columns: bool, free: bool
+        maps: Iterable[tuple[str, np.ndarray]], geometries: Iterable[Geometry], shifts: list[float], free: bool = False
     ) -> Fit | None:
         best: tuple[float, int, Fit] | None = None
         for change, image in maps:
             for geometry in geometries:
-                for axes, shifts in _turns(sums.shape[1], all_columns):
+                for axes in _AXES:
                     for fit in _fits(image, direction, value, geometry, axes, shifts, free):
                         rank = fit.fitting, -_preference(fit.turn)
                         if best is None or rank > best[:2]:
@@ -207,16 +207,16 @@ def find_fit(radiance: np.ndarray, direction: np.ndarray, values: np.ndarray) ->
 
     maps = [(name, change(radiance).sum(axis=2)) for name, change in CHANGES.items()]
     found = (
-        search([("", sums)], [RIGHT], True, False)
-        or search([(name, image) for name, image in maps if not np.array_equal(image, sums)], [RIGHT], False, False)
-        or search([("", sums)], GEOMETRIES, False, False)
-        or (search([("", sums)], [RIGHT], True, True) if len(np.unique(value)) > 2 else None)
+        search([("", sums)], [RIGHT], columns)
+        or search([(name, image) for name, image in maps if not np.array_equal(image, sums)], [RIGHT], quarters)
+        or search([("", sums)], GEOMETRIES, quarters)
+        or (search([("", sums)], [RIGHT], columns, free=True) if len(np.unique(value)) > 2 else None)
     )
     return found or Fit(Turn("", 0.0))
 
 
 def _few(values: np.ndarray) -> np.ndarray:
-    """Some rows, of different values first: they tell more."""
+    """The indices of a few rows, with different values if possible, as these say more."""
     _, first = np.unique(values, axis=0, return_index=True)
     rng = np.random.default_rng(0)
     if len(first) >= FEW:
@@ -234,7 +234,7 @@ def _fits(
     shifts: list[float],
     free: bool,
 ) -> Iterator[Fit]:
-    """The best turn for one of the axes; two if a preset is among those that fit alike."""
+    """The best shift for these axes, and the best by quarters, since only those can be presets."""
     height, width = image.shape
     v, u = places(direction @ _AXES[axes].T, height, width)
     u = (u[:, None] + np.array(shifts) * width) % width
@@ -250,13 +250,15 @@ def _fits(
 
 
 def likeliest(weight: np.ndarray, direction: np.ndarray) -> Turn:
-    """The turn by whole quarters that puts drawn directions on the brightest pixels, if that is beyond doubt.
+    """The turn by quarters that puts drawn directions on the brightest pixels, if that is beyond doubt.
 
     ``weight`` (H, W) is proportional to the density per steradian.
     """
     height, width = weight.shape
     log = np.log(weight / weight.mean() + 1e-3)
-    few = direction[np.random.default_rng(0).permutation(len(direction))[:4096]]  # every second would favour a half
+    few = direction[
+        np.random.default_rng(0).permutation(len(direction))[:4096]
+    ]  # at random: every second point of a sequence may lie in one half
 
     def of(turn: Turn) -> np.ndarray:
         v, u = places(few @ turn.matrix.T, height, width)
@@ -276,19 +278,19 @@ CAUSES_OF_PLACES = (
     Cause(
         "directions not normalised",
         "the length of the directions is not 1",
-        "lights are too strong or too weak by the length",
-        "where the direction is made",
+        "lights are too strong or too weak by that length",
+        "where the direction is computed",
     ),
     Cause(
-        "values of other pixels",
-        "the radiance is not that of the pixel that lies in the direction, in any convention",
-        "lamps are at wrong places, or have wrong colours",
-        "where the pixel's radiance is looked up, and where it becomes a direction",
+        "radiance of other pixels",
+        "the radiance is not that of the pixel in the sample's direction, in any convention",
+        "lamps are in the wrong places or have the wrong colours",
+        "where the radiance is looked up or the direction computed; or the samples belong to another map",
     ),
     Cause(
         "radiance scaled",
         "the radiance is that of the map times a factor",
         "the image is too bright or too dark",
-        "where the map is read, and where the radiance is written",
+        "where the map is read or the radiance written",
     ),
 )

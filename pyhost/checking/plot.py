@@ -1,4 +1,4 @@
-"""The picture of :mod:`lightdome.checking.image`: the image, the exact one, and where they differ."""
+"""Plot the result of :mod:`lightdome.checking.image`: the image, the exact one, and their difference."""
 
 from __future__ import annotations
 
@@ -18,19 +18,15 @@ from .image import ImageCheck
 
 @plotting.plain()
 def error_map(check: ImageCheck, name: str) -> Figure:
-    """Three pictures in a row under the verdict; blue is too dark, red too bright, in one scale of radiance."""
+    """The verdict above three pictures: the image, the exact one, and the error, blue: too dark, red: too bright."""
     outside = ~disc_mask(len(check.exact))
     error = np.where(outside, np.nan, (check.image - check.exact).mean(axis=2))
     most = float(np.nanpercentile(np.abs(error), 99.5)) or 1e-30
     exposure = auto_exposure(check.exact)
-    shown = [
-        (f"{name}, the file's image", check.image),
-        ("exact", check.exact),
-    ]
     figure = Figure(figsize=(13, 5), layout="constrained")
     figure.suptitle(plotting.text("\n".join(textwrap.wrap(check.verdict, 150)[:3])), fontsize=10)
     axes = figure.subplots(1, 3)
-    for plot, (title, pixels) in zip(axes, shown, strict=False):
+    for plot, (title, pixels) in zip(axes[:2], ((name, check.image), ("exact", check.exact)), strict=True):
         plot.imshow(tone_map(np.where(outside[..., None], 0, pixels), exposure))
         plot.set_title(plotting.text(title), fontsize=9)
     drawn = axes[2].imshow(error, cmap="RdBu_r", vmin=-most, vmax=most)

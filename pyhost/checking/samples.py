@@ -1,10 +1,11 @@
-"""Are samples of a map what they say, and are their pixels drawn with the right probabilities?
+"""Are the values of samples right, and were their pixels drawn with the right probabilities?
 
-First the convention of the directions is found. Then each sample is looked at alone, without statistics: its radiance
-must be that of the pixel in its direction, its probability I sin(theta) over the sum of that. Then all together: how
-often rows, columns, levels of brightness and cells of the unit square occur is compared by chi-square with how often
-they should. It alarms beyond 5 standard deviations; points that are more even than chance never do. If it alarms, the
-known mistake under which these pixels are likeliest is named.
+The convention of the directions is found first. Then each sample is checked by itself, without statistics: its radiance
+must be that of the pixel in its direction, and its probability must be that pixel's share of the sum of I sin(theta).
+Then all samples are checked together: a chi-square test compares how often rows, columns, levels of brightness and
+cells of the unit square occur with how often they should. It rejects samples that are off by more than 5 standard
+deviations, and never rejects points that are more even than chance. If it rejects them, the verdict names the known
+mistake that makes these pixels likeliest.
 
 Sources: Pharr, Jakob, Humphreys, Physically Based Rendering, 4th ed., A.5 and 12.5; Wilson and Hilferty (1931) for the
 tail of chi-square.
@@ -44,116 +45,115 @@ from .tables import (
     directions_of,
     read_table,
     unit,
-    verdict_of,
 )
 
-LIMIT = 5.0  # standard deviations, from which on pixels are drawn wrongly
-LEAST = 5.0  # samples that a bin of chi-square expects
-CLOSE = 5e-3  # relative, of probabilities
-UNIT = 1e-3  # how far the length of a direction may be from 1
+LIMIT = 5.0  # standard deviations beyond which pixels are drawn wrongly
+LEAST = 5.0  # expected samples in a bin of the chi-square test
+CLOSE = 5e-3  # allowed relative error of probabilities
+UNIT = 1e-3  # allowed difference of a direction's length from 1
 
 CAUSES_OF_SAMPLES = (
     *CAUSES_OF_PLACES,
     Cause(
         "rows drawn evenly",
-        "every row is drawn as often as every other, and only the column by its CDF",
-        "too much light from dark rows' lamps, and too little from bright ones",
-        "where the row is drawn: it needs the CDF of the rows' sums",
+        "all rows are equally likely; only the column is drawn from a CDF",
+        "too much light from the dark rows of the map, and too little from the bright ones",
+        "where the row is drawn: it needs the CDF of the sums of the rows",
     ),
     Cause(
         "columns drawn evenly",
-        "the row is drawn by its CDF, and the column evenly",
-        "lamps are spread along their rows",
+        "the row is drawn from its CDF, but all columns are equally likely",
+        "lamps are spread out along their rows",
         "where the column is drawn: it needs the CDF of its row",
     ),
     Cause(
         "pixels drawn evenly",
-        "every pixel is drawn as often as every other",
-        "much noise; too much light from the poles of the map if the density says otherwise",
-        "where the random numbers become a pixel",
+        "all pixels are equally likely",
+        "much noise; with the wrong density also too much light from the poles of the map",
+        "where random numbers become a pixel",
     ),
     Cause(
         "directions drawn evenly",
-        "directions are drawn evenly over the sphere, and not by the map",
+        "directions are drawn evenly over the sphere instead of by the map",
         "much noise",
-        "where the random numbers become a direction",
+        "where random numbers become a direction",
     ),
     Cause(
         "column found one too far",
-        "the search in a row's CDF returns a neighbouring column",
-        "dark pixels beside lamps are drawn",
-        "where the search in the row's CDF ends: the first entry above the random number",
+        "the search in the CDF of a row returns a neighbouring column",
+        "dark pixels next to lamps are drawn",
+        "where the search in the CDF of the row ends: at the first entry above the random number",
     ),
     Cause(
         "one channel for the mean",
-        "pixels are drawn by one channel, and not by (R + G + B) / 3",
+        "pixels are drawn by one channel instead of (R + G + B) / 3",
         "coloured lamps are too bright or too dark",
-        "where the luminance is made",
+        "where luminance is computed",
     ),
     Cause(
         "largest channel for the mean",
-        "pixels are drawn by their largest channel, and not by (R + G + B) / 3",
+        "pixels are drawn by their largest channel instead of (R + G + B) / 3",
         "coloured lamps are too bright or too dark",
-        "where the luminance is made",
+        "where luminance is computed",
     ),
     Cause(
         "density for probability",
-        "the probability is divided by the pixel's solid angle already: it is a density per steradian",
-        "far too dark if it is divided once more",
+        "the probability is already divided by the pixel's solid angle, so it is a density per steradian",
+        "far too dark if it is divided again",
         "where the probability is written",
     ),
     Cause(
         "solid angle missing",
-        "the density is the probability of the pixel, and not divided by the pixel's solid angle",
-        "thousands of times too bright, and too much light from straight up and straight down",
-        "where the density is made: p(x, y) / solid angle of the pixel",
+        "the density is the probability of the pixel, without the division by its solid angle",
+        "thousands of times too bright, with too much light from straight up and straight down",
+        "where the density is computed: p(x, y) / solid angle of the pixel",
     ),
     Cause(
         "density over the map",
-        "the density is one over the map's unit square or over (theta, phi), and not per steradian",
-        "too much light from the poles of the map, and a wrong brightness",
-        "where the density is made: it needs 1 / (2 pi^2 sin(theta)) for the unit square, 1 / sin(theta) for angles",
+        "the density is per area of the map's unit square or of (theta, phi) instead of per steradian",
+        "too much light from the poles of the map, and the wrong brightness",
+        "where the density is computed: divide by 2 pi^2 sin(theta) for the unit square, by sin(theta) for angles",
     ),
     Cause(
         "probability of the row alone",
-        "the probability is p(y), without the column's p(x | y)",
+        "the probability is p(y), without p(x | y) of the column",
         "far too dark",
         "where p(y) and p(x | y) are multiplied",
     ),
     Cause(
         "probability of the column alone",
-        "the probability is p(x | y), without the row's p(y)",
-        "far too dark, by another factor for each row",
+        "the probability is p(x | y), without p(y) of the row",
+        "far too dark, by a different factor for each row",
         "where p(y) and p(x | y) are multiplied",
     ),
     Cause(
         "not normalised",
-        "the values are proportional to the right ones, but their sum is not 1",
+        "the values are proportional to the right ones, but do not sum to 1",
         "the image is too bright or too dark by a factor",
         "where I sin(theta) is divided by its sum over the map",
     ),
     Cause(
         "zero-weight pixels drawn",
-        "pixels of weight 0 are drawn, which have no probability",
-        "divisions by zero: NaN or infinity in the image",
-        "where the search in a CDF ends: the first entry above the random number, > and not >=",
+        "pixels with weight 0 are drawn, whose probability is 0",
+        "NaN or infinity in the image, from divisions by zero",
+        "where the search in a CDF ends: at the first entry above the random number, > instead of >=",
     ),
     Cause(
         "samples repeated",
-        "the same samples occur again and again",
-        "the error falls more slowly than it should with the number of samples",
-        "where random numbers are seeded: once, and not for each batch or thread",
+        "the same samples occur many times",
+        "the error falls more slowly with the number of samples than it should",
+        "where random numbers are seeded: all batches and threads must get different ones",
     ),
     Cause(
         "pixel of another convention",
-        "the pixel (x, y) is not the one that the direction lies in",
-        "nothing, as long as nobody uses the pixel",
+        "the pixel (x, y) is not the one in the sample's direction",
+        "nothing, unless a program uses the pixel",
         "where the pixel is written: x is the column, y the row from the top",
     ),
     Cause(
-        "drawn by no known law",
-        "the pixels are not drawn in proportion to I sin(theta), for no reason that is known here",
-        "bias: some lamps are too bright",
+        "drawn by an unknown law",
+        "the pixels are not drawn in proportion to I sin(theta), and no known mistake explains it",
+        "some lamps are too bright, others too dark",
         "where the CDFs are built and searched",
     ),
 )
@@ -164,8 +164,8 @@ def read_samples(
 ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None, np.ndarray | None, np.ndarray | None]:
     """The arguments of :func:`check_samples` after the map, from a CSV or NPZ file.
 
-    See :mod:`lightdome.checking.tables`. Raises :class:`LightdomeError` for a file that cannot be read, or has
-    no directions.
+    See :mod:`lightdome.checking.tables`. Raises :class:`LightdomeError` for a file that cannot be read, or lacks
+    directions.
     """
     table = read_table(path)
     return (
@@ -185,21 +185,21 @@ def check_samples(
     pixel: np.ndarray | None = None,
     pdf: np.ndarray | None = None,
 ) -> TableCheck:
-    """Compare samples of ``envmap`` with what they should be; all but ``direction`` may be left out.
+    """Check samples of ``envmap``; everything but ``direction`` may be left out.
 
     - ``direction``: (N, 3), towards the light
-    - ``radiance``: (N, 3), of the chosen pixels
-    - ``probability``: (N,), of the chosen pixels
-    - ``pixel``: (N, 2), x and y
+    - ``radiance``: (N, 3), of the pixels
+    - ``probability``: (N,), of the pixels
+    - ``pixel``: (N, 2), their x and y
     - ``pdf``: (N,), density per steradian
 
-    Raises :class:`LightdomeError` for arrays of other shapes, values that are not finite, and for a black map.
+    Raises :class:`LightdomeError` for arrays of other shapes, for values that are not finite, and for a black map.
     """
     return Located(envmap, direction, radiance, probability, pixel, pdf).result(drawn=True)
 
 
 class Located:
-    """Directions with what belongs to them, and where in the map they lie."""
+    """Directions with the values that belong to them, and their pixels in the map."""
 
     def __init__(
         self,
@@ -212,7 +212,7 @@ class Located:
     ) -> None:
         checks.instance("the map", envmap, EnvironmentMap)
         if not envmap.peak > 0:
-            raise LightdomeError("the map is black: nothing can be drawn from it, and there is nothing to check")
+            raise LightdomeError("the map is black: nothing can be drawn from it")
         self.map = envmap.radiance.astype(np.float64)
         self.height, self.width = self.map.shape[:2]
         count = len(checks.array("direction", direction, ("N", 3)))
@@ -237,7 +237,7 @@ class Located:
         self.y, self.x = self.geometry.pixels(self.v, self.u, self.height, self.width)
 
     def _fit(self) -> Fit:
-        """By the radiance; without it by the density, by the pixels, or by where most directions point."""
+        """Found by the radiance, else by the density, else by where most directions point."""
         if self.radiance is not None:
             return find_fit(self.map, self.direction, self.radiance)
         if self.pdf is not None:
@@ -245,63 +245,56 @@ class Located:
             return find_fit((self.p / area)[..., None], self.direction, self.pdf[:, None])
         return Fit(likeliest(luminance(self.map), self.direction), fitting=1.0)
 
-    def _add(self, name: str, more: str = "") -> None:
+    def _add(self, name: str, remark: str = "") -> None:
         if all(cause.name != name for cause, _ in self.found):  # probabilities and densities may have the same mistake
-            self.found.append((cause_named(name, CAUSES_OF_SAMPLES), more))
+            self.found.append((cause_named(name, CAUSES_OF_SAMPLES), remark))
 
     def result(self, drawn: bool) -> TableCheck:
-        """The verdict; ``drawn`` says that the directions were drawn in proportion to the light."""
+        """Check everything that was given, and how the directions were drawn if they are samples, ``drawn``."""
         if self.off_unit > UNIT:
-            self._add("directions not normalised", f"one is off by {self.off_unit:.2g}")
-        orientation = str(self.fit.turn)
-        wrongly_turned = bool(orientation) and self.fit.turn.preset is None
+            self._add("directions not normalised", f"by up to {self.off_unit:.2g}")
+        turn = self.fit.turn
         if self.geometry.name:
             self._add(self.geometry.name)
         self._compare_radiance()
         self.details["within"] = self.geometry.name or ("centre" if self.at_centres else "pixel")
-        if not wrongly_turned:  # or the pixels are those of another map
+        if not turn.is_wrong:  # else the pixels belong to a turned map
             self._compare_pixels()
-        mistaken = any(cause.name == "values of other pixels" for cause, _ in self.found)
+        mistaken = any(cause.name == "radiance of other pixels" for cause, _ in self.found)
         if not mistaken:
             self._compare_probabilities()
             if drawn:
                 self._compare_drawing()
-        if not self.found and not wrongly_turned:
-            return TableCheck(True, self._agreement(drawn, orientation), None, orientation, self.details)
-        cause = self.found[0][0] if self.found else None
-        verdict = verdict_of(self.found, orientation if wrongly_turned else "")
-        return TableCheck(False, verdict, cause, orientation, self.details)
+        return TableCheck.of(self.found, self.details, self._agreement(drawn), str(turn), turn.is_wrong)
 
-    def _agreement(self, drawn: bool, orientation: str) -> str:
-        what = [
-            name for name in ("radiance", "probability", "pixel", "pdf") if getattr(self, name, None) is not None
-        ] or ["direction"]
-        said = f"agrees: {', '.join(what)} of all {self.count} samples"
+    def _agreement(self, drawn: bool) -> str:
+        what = [name for name in ("radiance", "probability", "pixel", "pdf") if getattr(self, name) is not None]
+        said = f"agrees: {', '.join(what or ['direction'])} of all {self.count} samples"
         if drawn:
-            off = self.details["chi_square_deviations"]
+            off = self.details.get("chi_square_deviations")
             said += (
-                f", drawn as the light is ({off:.1f} standard deviations, up to {LIMIT:g} are chance)"
+                f", drawn in proportion to the light ({off:.1f} standard deviations; up to {LIMIT:g} is chance)"
                 if isinstance(off, float) and math.isfinite(off)
-                else "; too few to say whether they are drawn as the light is"
+                else "; too few to say whether they are drawn in proportion to the light"
             )
-        return said + (f"; {orientation}" if orientation else "")
+        return said
 
     def _compare_radiance(self) -> None:
         if self.radiance is None:
             return
         self.details["radiance_of_their_pixels_share"] = self.fit.fitting
         if not self.fit.fitting:
-            self._add("values of other pixels")
+            self._add("radiance of other pixels")
             return
         pixels = self.map[self.y, self.x]
         factor = self.fit.factor
         seen = [("", _alike(self.radiance, pixels * factor))]
         seen += [("channels swapped", _alike(self.radiance[:, ::-1], pixels * factor))]
         seen += [(name, _alike(self.radiance, change(pixels))) for name, change in CHANGES.items()]
-        name, same = max(seen, key=lambda pair: pair[1].mean())  # the first of those that fit alike
+        name, same = max(seen, key=lambda pair: pair[1].mean())  # on a tie, the first
         self.details["radiance_of_their_pixels_share"] = float(same.mean())
         if same.mean() < 0.95:
-            self._add("values of other pixels")
+            self._add("radiance of other pixels")
         elif name:
             self._add(name)
         elif abs(math.log(factor)) > 2e-3:
@@ -317,7 +310,7 @@ class Located:
         self.details["pixels_of_their_directions_share"] = float(same.mean())
         if same.mean() > 0.95:
             return
-        # A program with a map that is turned counts its own pixels.
+        # A program with another convention may count pixels in its own map.
         own_v, own_u = places(self.direction, self.height, self.width)
         others = {
             "x and y exchanged": (y == self.x) & (x == self.y),
@@ -338,10 +331,10 @@ class Located:
                     self._add(name, more)
 
     def _law(self, values: np.ndarray, area: np.ndarray, what: str) -> tuple[str, str]:
-        """The mistake in the probabilities or densities, and a remark; "" for none."""
+        """The mistake in the probabilities or densities, "" for none, and a remark."""
         p = self.p[self.y, self.x]
-        per = {"probability": np.ones_like(area), "pdf": area}[what]
-        other = {"probability": area, "pdf": np.ones_like(area)}[what]
+        one = np.ones_like(area)
+        per, other = (one, area) if what == "probability" else (area, one)
         rows = self.p.sum(axis=1)[self.y]
         square = np.full_like(area, 1 / (self.width * self.height))
         named = [("", p / per)]
@@ -353,13 +346,13 @@ class Located:
                 ("probability of the row alone", rows),
                 ("probability of the column alone", np.divide(p, rows, out=np.zeros_like(p), where=rows > 0)),
             ]
-        else:  # the density of pixels without sin(theta), over pixels of the right size, and the like
+        else:  # a mistake in the probabilities, and none of them divided by the solid angle
             named += [(name, q[self.y, self.x] / other) for name, q in laws(self.map)]
         exact = max(((agreeing(values, q), -n) for n, (_, q) in enumerate(named)))
         self.details[f"{what}_right_share"] = agreeing(values, named[0][1])
         if exact[0] > 0.95:
             return named[-exact[1]][0], ""
-        # Proportional to one of them? Those with only few different values prove nothing.
+        # None of them fits as it is: is one proportional to the values?
         free = []
         for n, (_, q) in enumerate(named):
             lit = (q > 0) & (values > 0)
@@ -369,14 +362,14 @@ class Located:
         share, n, factor = max(free, default=(0.0, 0, 1.0))
         if share > 0.95:
             name = named[-n][0]
-            more = f"{what} {factor:.5g} times too large"
-            more += factor_named(self.map, factor, self.count) if not name else ""
-            return name or "not normalised", more
+            remark = f"{what} {factor:.5g} times too large"
+            remark += factor_named(self.map, factor, self.count) if not name else ""
+            return name or "not normalised", remark
         rough = np.abs(np.log(np.maximum(values, 1e-300) / np.maximum(p / per, 1e-300)))
-        if np.median(rough) < 0.02:  # as differences of single-precision CDFs are
+        if np.median(rough) < 0.02:  # typical of differences between entries of single-precision CDFs
             self.details[f"{what}_largest_relative_error"] = float(np.expm1(rough.max()))
             return "", ""
-        return "not normalised", f"the {what} is that of no law that is known here"
+        return "not normalised", f"no known mistake explains the {what}"
 
     def _compare_drawing(self) -> None:
         drawn = np.bincount(self.y * self.width + self.x, minlength=self.p.size).reshape(self.p.shape)
@@ -388,30 +381,28 @@ class Located:
         distinct = self._repeated(drawn)
         if max(off.values(), default=0.0) < LIMIT and not black and not distinct:
             return
-        if self.found:  # a mistake that is told already may have this effect
+        if self.found:  # a mistake that was found already may have this effect
             return
-        # As likely as can be, but for a hundredth that may come from anywhere.
-        floor = 0.01 / self.p.size
-        logs = [("", (drawn * np.log(self.p * 0.99 + floor)).sum())]
         candidates = [("", self.p), *laws(self.map)]
-        logs += [(name, (drawn * np.log(q * 0.99 + floor)).sum()) for name, q in candidates[1:]]
-        best = max(range(len(logs)), key=lambda n: logs[n][1])
+        # One sample in a hundred may come from anywhere, so that a single one does not rule out a law.
+        logs = [(drawn * np.log(q * 0.99 + 0.01 / self.p.size)).sum() for _, q in candidates]
+        best = int(np.argmax(logs))
         name, law = candidates[best]
         worst = max(off.values(), default=0.0)
-        if name and logs[best][1] > logs[0][1] + 8:
+        if name and logs[best] > logs[0] + 8:
             under = max(deviations(law, drawn).values(), default=0.0)
             if under < max(LIMIT, 0.25 * worst):
-                self._add(name, f"the pixels are drawn so, {worst:.0f} standard deviations from right")
+                self._add(name, f"this is how the pixels are drawn, {worst:.0f} standard deviations off")
                 return
         if black:
             self._add("zero-weight pixels drawn", f"{black} samples")
         elif distinct:
             self._add("samples repeated", distinct)
         else:
-            self._add("drawn by no known law", f"{worst:.0f} standard deviations")
+            self._add("drawn by an unknown law", f"{worst:.0f} standard deviations")
 
     def _repeated(self, drawn: np.ndarray) -> str:
-        """A remark if samples occur too often, else ""."""
+        """A remark if samples are repeated too often, else ""."""
         if self.count < 16:
             return ""
         if self.details["within"] == "pixel":
@@ -428,7 +419,7 @@ class Located:
 
 
 def factor_named(radiance: np.ndarray, factor: float, count: int | None = None) -> str:
-    """Why probabilities may be so many times too large, ": " and a remark, or ""."""
+    """ ": " and why probabilities may be too large by this factor, or ""."""
     weight = right(radiance)
     flux = float((luminance(radiance) * solid_angles(*radiance.shape[:2])[:, None]).sum())
     names = {
@@ -456,19 +447,20 @@ def _given(what: str, value: np.ndarray | None, shape: tuple[int, ...]) -> np.nd
 
 
 def _alike(values: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    """Which rows are the same but for printed digits."""
+    """Which rows are equal, apart from the rounding of printed digits."""
     return np.abs(values - expected).max(axis=1) <= 2e-3 * np.abs(expected).max(axis=1)
 
 
 def agreeing(values: np.ndarray, expected: np.ndarray) -> float:
-    """The share of ``values`` that are the ``expected`` ones but for rounding."""
+    """The share of the ``values`` that are as ``expected``, apart from rounding."""
     return float((np.abs(values - expected) <= CLOSE * expected).mean())
 
 
 def deviations(p: np.ndarray, drawn: np.ndarray) -> dict[str, float]:
-    """Of rows, columns, brightness and cells: by how many standard deviations chi-square is too large.
+    """By how many standard deviations chi-square is too large for rows, columns, levels of brightness, and cells.
 
-    ``p`` (H, W) are the probabilities, ``drawn`` how often each pixel was. What has fewer than two bins is left out.
+    ``p`` (H, W) are the probabilities of the pixels, ``drawn`` how often each was drawn. A test with fewer than two
+    bins is left out.
     """
     count = int(drawn.sum())
     rows = p.sum(axis=1)
@@ -501,14 +493,12 @@ def deviations(p: np.ndarray, drawn: np.ndarray) -> dict[str, float]:
 
 
 def _chi_square(expected: np.ndarray, seen: np.ndarray) -> float:
-    """Standard deviations that a normal number would be off to be as unlikely; neighbours make bins large enough."""
+    """Chi-square, in standard deviations of an equally unlikely normal number; small bins are merged first."""
     sums = np.cumsum(expected)
     label = np.minimum((sums - expected / 2) // LEAST, max(0, sums[-1] // LEAST - 1)).astype(int)
     _, label = np.unique(label, return_inverse=True)
     expected, seen = np.bincount(label, expected), np.bincount(label, seen)
-    order = np.argsort(
-        expected
-    )  # beside a pixel that has many bins' share there are small ones, which are put together
+    order = np.argsort(expected)  # the bins next to a very likely pixel may still be small: merge the smallest
     small = int(np.searchsorted(np.cumsum(expected[order]), LEAST)) + 1
     if small > 1:
         label = np.maximum(np.argsort(order) - small + 1, 0)

@@ -1,8 +1,9 @@
-"""What samples leave in an image of the sphere, told by moments: its products with Zernike polynomials up to degree 4.
+"""The error that sampling causes in an image of the sphere, measured by moments.
 
-Errors of samples that all pixels share are smooth, and those of fresh samples per pixel are not. Of N shared samples
-that are drawn as the light is, the moments' covariance and the tail of their size follow from the map; of fresh ones
-the covariance follows from what is rough in the image itself.
+The moments of an image are its products with the Zernike polynomials up to degree 4. If all pixels share N samples
+drawn in proportion to the light, the error is smooth, and the map determines the covariance of the moments and the tail
+of their distribution. If each pixel has fresh samples, the error is noise, and the covariance is measured from the
+noise of the image itself.
 
 Sources: Born and Wolf, Principles of Optics, 9.2 (Zernike polynomials); Wilson and Hilferty, The Distribution of
 Chi-Square (1931); Pharr, Jakob, Humphreys, Physically Based Rendering, 4th ed., 2.1 and 2.2 (variance, importance).
@@ -21,20 +22,20 @@ from ..maps.envmap import EnvironmentMap
 from ..maps.geometry import directions, solid_angles
 
 DEGREE = 4  # of the polynomials
-SAMPLES = 4096  # that stand for all that can be drawn from a map
-SETS = 400  # of so many samples, from which the spread is taken
-TAIL = 3.0  # standard deviations at which the largest of those sets may lie
+SAMPLES = 4096  # stand for all samples that can be drawn from a map
+SETS = 400  # sets of samples drawn to measure their spread
+TAIL = 3.0  # standard deviations at which the largest of those sets should lie
 
 
 def normals(resolution: int) -> np.ndarray:
-    """Unit normals of the disc's pixels, (P, 3) float64, in the order of ``image[disc_mask(resolution)]``."""
+    """Unit normals of the pixels of the disc, (P, 3) float64, in the order of ``image[disc_mask(resolution)]``."""
     y, x = np.nonzero(disc_mask(resolution))
     a, b = (2 * x + 1 - resolution) / resolution, (resolution - 2 * y - 1) / resolution
     return np.stack([a, b, np.sqrt(np.maximum(0, 1 - a * a - b * b))], axis=1)
 
 
 def zernike(normal: np.ndarray) -> np.ndarray:
-    """Zernike polynomials up to degree 4 over the disc, orthonormal in the mean: (P, 15)."""
+    """Zernike polynomials up to degree 4, (P, 15), whose mean products over the disc are 1 with themselves, else 0."""
     radius, angle = np.hypot(normal[:, 0], normal[:, 1]), np.arctan2(normal[:, 1], normal[:, 0])
     columns = []
     for n in range(DEGREE + 1):
@@ -48,13 +49,13 @@ def zernike(normal: np.ndarray) -> np.ndarray:
 
 
 def moments(basis: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Mean products of the disc's pixels (P, 3) with ``basis`` (P, 15): (45,)."""
+    """The moments (45,) of an image: mean products of its pixels (P, 3) with ``basis`` (P, 15)."""
     return (basis.T @ pixels / len(pixels)).reshape(-1)
 
 
 @dataclass(frozen=True)
 class Expected:
-    """The relative RMSE that ``count`` samples leave: its mean, and the limits of nine of ten images."""
+    """The relative RMSE with ``count`` samples: its mean, and the limits between which nine of ten images lie."""
 
     count: int
     per_pixel: bool
@@ -65,10 +66,10 @@ class Expected:
 
 @dataclass(frozen=True)
 class Spread:
-    """How the size of moments, in the measure of their covariance, is spread over right images.
+    """The distribution, over correct images, of d^T C^-1 d for the error d of the moments and their covariance C.
 
-    - ``freedom``: of the chi-square, stretched by ``stretch``, that has their mean and variance
-    - ``tail``: what takes standard deviations to those of a normal number, where few samples make a longer tail
+    - ``freedom``, ``stretch``: degrees of freedom and scale of the chi-square distribution with that mean and variance
+    - ``tail``: divides standard deviations, since few samples have a longer tail than chi-square
     """
 
     freedom: float
@@ -77,22 +78,22 @@ class Spread:
 
     @classmethod
     def of(cls, sizes: np.ndarray) -> Spread:
-        """That of the sizes of sets that were drawn."""
+        """The distribution with the mean and variance of ``sizes``."""
         mean, variance = max(float(sizes.mean()), 1e-300), max(float(sizes.var()), 1e-300)
         result = cls(2 * mean**2 / variance, variance / (2 * mean))
         return cls(result.freedom, result.stretch, max(1.0, result.deviations(float(sizes.max())) / TAIL))
 
     def deviations(self, size: float) -> float:
-        """How many standard deviations off a normal number would be that is as unlikely."""
+        """How far off an equally unlikely normal number would be, in standard deviations."""
         share, part = size / (self.stretch * self.freedom), 2 / (9 * self.freedom)
         return (share ** (1 / 3) - (1 - part)) / math.sqrt(part) / self.tail
 
 
 class Sampling:
-    """What one sample drawn as the light is does to the image of a map at ``normal`` (P, 3)."""
+    """What one sample, drawn in proportion to the light, contributes to the pixels with these normals (P, 3)."""
 
     def __init__(self, envmap: EnvironmentMap, albedo: float, normal: np.ndarray) -> None:
-        self._known: dict[int, tuple[np.ndarray, float, float]] = {}  # what was drawn, by count
+        self._known: dict[int, tuple[np.ndarray, float, float]] = {}  # by count
         drawn = population(envmap, SAMPLES)
         self.luminance, self.flux, self.probability = drawn.luminance, drawn.flux, drawn.probability
         self.cosine = np.maximum(0, normal @ drawn.direction.T)  # (P, S)
@@ -105,18 +106,18 @@ class Sampling:
         self.variance = float(((self.cosine**2) @ (light**2 * p[:, None])).mean() / square - 1)  # relative
 
     def sets(self, count: int) -> np.ndarray:
-        """Moments (400, 45), but for their mean, of sets of ``count`` samples."""
+        """Moments (400, 45), less their mean, of sets of ``count`` samples."""
         return self._drawn(count)[0]
 
     def expected(self, count: int, per_pixel: bool) -> Expected:
-        """The relative RMSE that ``count`` samples leave."""
+        """The relative RMSE with ``count`` samples."""
         mean = math.sqrt(self.variance / count)
-        if per_pixel:  # many pixels, each with its own error: it hardly varies
+        if per_pixel:  # an average over many independent errors hardly varies
             return Expected(count, True, mean, 0.9 * mean, 1.1 * mean)
         return Expected(count, False, mean, *self._drawn(count)[1:])
 
     def _drawn(self, count: int) -> tuple[np.ndarray, float, float]:
-        """:meth:`sets`, and the limits of nine of ten of the images' errors."""
+        """:meth:`sets`, and the limits between which nine of ten of their images' errors lie."""
         if count not in self._known:
             share = np.random.default_rng(0).multinomial(count, self.probability, SETS) / count
             few = self.cosine[::21]
@@ -127,17 +128,20 @@ class Sampling:
         return self._known[count]
 
     def square_by_cosine(self) -> np.ndarray:
-        """Mean square (P, 3) of a sample whose direction is drawn by the cosine, albedo times the radiance there."""
+        """The mean square (P, 3) of the contribution of a sample whose direction is drawn by the cosine."""
         return self.cosine @ (self.light**2 * (math.pi * self.probability * self.luminance / self.flux)[:, None])
 
 
 @dataclass(frozen=True)
 class Population:
-    """Samples that stand for all.
+    """Samples that stand for all that can be drawn from a map.
 
-    - ``row`` and ``column``: (S,) places in the map, in pixels, whole numbers at centres; ``direction``: (S, 3)
-    - ``light``: (S, 3), the radiance that a white surface which faces it has of a set of that sample alone
-    - ``luminance``: (S,); ``flux``: the whole map's; ``probability``: (S,)
+    - ``row``, ``column``: (S,), place in the map in pixels; centres are whole numbers
+    - ``direction``: (S, 3)
+    - ``light``: (S, 3), radiance of a white surface that faces this sample and is lit by it alone
+    - ``luminance``: (S,), of the pixel
+    - ``flux``: total luminance x solid angle of the map
+    - ``probability``: (S,)
     """
 
     row: np.ndarray
@@ -150,7 +154,7 @@ class Population:
 
 
 def population(envmap: EnvironmentMap, count: int) -> Population:
-    """``count`` samples, half of them where the light is, and half all over the sphere, for rare ones to be there."""
+    """``count`` samples: half of them by the light, half all over the sphere, so that unlikely ones are included."""
     height, width = envmap.height, envmap.width
     area = solid_angles(height, width)[:, None]
     light = envmap.radiance.mean(axis=2, dtype=np.float64)
@@ -162,7 +166,7 @@ def population(envmap: EnvironmentMap, count: int) -> Population:
     index = np.searchsorted(steps, (np.arange(count) + 0.5) / count * steps[-1]).clip(max=mixed.size - 1)
     probability = flux.reshape(-1)[index] / mixed.reshape(-1)[index]
     y, x = index // width, index % width
-    within = np.random.default_rng(0).random((2, count)) - 0.5  # some programs draw from all of a pixel
+    within = np.random.default_rng(0).random((2, count)) - 0.5  # some programs draw from the whole area of a pixel
     row, column = y + within[0], x + within[1]
     towards = directions(np.pi * (row + 0.5) / height, 2 * np.pi * (column + 0.5) / width)
     colour = envmap.radiance[y, x].astype(np.float64) / light[y, x, None]
@@ -171,20 +175,20 @@ def population(envmap: EnvironmentMap, count: int) -> Population:
 
 
 def moments_of_each(cosine: np.ndarray, basis: np.ndarray, light: np.ndarray, probability: np.ndarray) -> np.ndarray:
-    """Moments (S, 45) of sets of one sample, but for their mean, from its cosines (P, S)."""
+    """Moments (S, 45), less their mean, of images lit by a single sample, from the cosines (P, S) of the samples."""
     of_cosine = cosine.T @ basis / len(basis)
     result = (of_cosine[:, :, None] * light[:, None, :]).reshape(len(light), -1)
     return result - probability @ result
 
 
 def noise_of(basis: np.ndarray, residual: np.ndarray, side: int) -> np.ndarray:
-    """Covariance of the moments by noise of single pixels, from what is rough in ``residual`` (P, 3)."""
+    """The covariance of the moments that the noise of single pixels in ``residual`` (P, 3) causes."""
     mask = disc_mask(side)
     image = np.zeros((side, side, 3))
     image[mask] = residual - basis @ (basis.T @ residual / len(residual))
     rough = image - _box(image, 5) / np.maximum(_box(mask[..., None].astype(float), 5), 1)
     rough[~mask] = 0
-    # Neighbours that are alike, as after a wide pixel filter, average out less; whole blocks alike are no noise.
+    # A wide pixel filter makes neighbours alike, so their noise averages out less. Uniform blocks are not noise.
     whole = side // 4 * 4
     blocks = image[:whole, :whole].reshape(whole // 4, 4, whole // 4, 4, 3).sum(axis=(1, 3))
     alike = max(1.0, float((blocks**2).sum() / max((rough**2).sum(), 1e-300)))
@@ -198,7 +202,7 @@ def noise_of(basis: np.ndarray, residual: np.ndarray, side: int) -> np.ndarray:
 
 
 def _box(image: np.ndarray, side: int) -> np.ndarray:
-    """Sums over ``side`` x ``side`` pixels round each pixel; outside the image is 0."""
+    """Sums over the ``side`` x ``side`` pixels around each pixel; outside the image they are 0."""
     before = side // 2 + 1
     sums = np.pad(image, ((before, side // 2), (before, side // 2), (0, 0))).cumsum(axis=0).cumsum(axis=1)
     return sums[side:, side:] - sums[side:, :-side] - sums[:-side, side:] + sums[:-side, :-side]

@@ -1,7 +1,7 @@
-"""Tables of samples, densities, lights and reflectances: reading what others wrote, and what a check found in it.
+"""Read tables of samples, densities, lights and reflectances, and report what a check found in them.
 
-A table is a CSV file with a header, separated by commas, semicolons or tabs, or an NPZ file of arrays. Names of columns
-are compared in lower case, and by what they mean: ``to_light_x``, ``direction_x`` and ``x`` are the same.
+A table is a CSV file with a header, separated by commas, semicolons or tabs, or an NPZ file of arrays. The case of
+column names does not matter, and several names are known for the same thing: ``to_light_x``, ``direction_x``, ``x``.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import numpy as np
 
 from .. import checks
 from ..errors import LightdomeError, one_line, quoted
-from .causes import CAUSES, Cause
+from .causes import CAUSES, Cause, Finding
 
 MAX_BYTES = 2**30
-MAX_INFLATION = 64  # of packed arrays
+MAX_INFLATION = 64  # by which compressed arrays may grow, beyond 64 MiB
 VECTORS = (
     ("direction_x", "direction_y", "direction_z"),
     ("to_light_x", "to_light_y_up", "to_light_z"),
@@ -39,32 +39,40 @@ COLOURS = (
 PIXELS = (("pixel_x", "pixel_y"), ("column", "row"), ("col", "row"), ("px", "py"))
 
 
-@dataclass(frozen=True)
-class TableCheck:
-    """What a check of samples, densities, lights or reflectances found.
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class TableCheck(Finding):
+    """What a check of samples, densities, lights or reflectances found; ``details`` are numbers and remarks by name."""
 
-    - ``agrees``: True, False, or None where it cannot be told
-    - ``verdict``: a line that says so, with the cause if it is known
-    - ``cause``: the mistake that explains what was found, else None
-    - ``orientation``: in which axes the directions are, or how they are turned or mirrored; "" for lightdome's own
-    - ``details``: numbers and remarks by name
-    """
-
-    agrees: bool | None
-    verdict: str
-    cause: Cause | None = None
-    orientation: str = ""
     details: dict[str, object] = field(default_factory=dict)
 
+    @classmethod
+    def of(
+        cls,
+        found: Sequence[tuple[Cause, str]],
+        details: dict[str, object],
+        agreement: str = "",
+        orientation: str = "",
+        is_turned: bool = False,
+    ) -> TableCheck:
+        """The result for the causes ``found``, each with a remark.
+
+        ``agreement`` is the verdict if there is no cause and the orientation is right, which ``is_turned`` denies.
+        """
+        if not found and not is_turned:
+            verdict = "; ".join(filter(None, (agreement, orientation)))
+            return cls(agrees=True, verdict=verdict, orientation=orientation, details=details)
+        said = [f"{cause.name}: {cause.what}{f' ({remark})' if remark else ''}" for cause, remark in found]
+        return cls(
+            agrees=False,
+            verdict="; ".join(["does not agree", *said, *([orientation] if is_turned else [])]),
+            causes=tuple(cause for cause, _ in found),
+            orientation=orientation,
+            details=details,
+        )
+
     def to_dict(self) -> dict[str, object]:
-        """Everything, for JSON: what is not finite becomes None."""
-        return {
-            "agrees": self.agrees,
-            "verdict": self.verdict,
-            "cause": self.cause and self.cause.name,
-            "orientation": self.orientation,
-            **{name: _plain(value) for name, value in self.details.items()},
-        }
+        """The same for JSON; numbers that are not finite become None."""
+        return super().to_dict() | {name: _plain(value) for name, value in self.details.items()}
 
 
 def _plain(value: object) -> object:
@@ -78,32 +86,32 @@ def _plain(value: object) -> object:
 
 
 def cause_named(name: str, others: Sequence[Cause] = ()) -> Cause:
-    """The cause of this name, of :data:`lightdome.checking.causes.CAUSES` or ``others``."""
+    """The cause with this name in ``others`` or :data:`lightdome.checking.causes.CAUSES`."""
     return next(cause for cause in (*others, *CAUSES) if cause.name == name)
 
 
 def read_table(path: str | Path) -> dict[str, np.ndarray]:
-    """The columns of a CSV file, (N,) float64, or the arrays of numbers of an NPZ file, by names in lower case.
+    """The columns of a CSV file, (N,) float64, or the numeric arrays of an NPZ file, by their names in lower case.
 
-    A value of a CSV file that is empty or no number is NaN. Raises :class:`LightdomeError` for a file that is missing,
-    damaged, too large, or has no header.
+    An entry of a CSV file that is empty or not a number becomes NaN. Raises :class:`LightdomeError` for a file that is
+    missing, damaged or too large, or has no header.
     """
     path = checks.path(path)
     try:
         size = path.stat().st_size
         if not path.is_file():
-            raise LightdomeError(f"cannot read {path}: it is no ordinary file")
+            raise LightdomeError(f"cannot read {path}: it is not a regular file")
         if size > MAX_BYTES:
-            raise LightdomeError(f"cannot read {path}: a table of more than {MAX_BYTES // 2**20} MiB is too large")
+            raise LightdomeError(f"cannot read {path}: tables may have up to {MAX_BYTES // 2**20} MiB")
         return _npz(path) if path.suffix.lower() == ".npz" else _csv(path)
     except OSError as error:
         raise LightdomeError(f"cannot read {path}: {error.strerror or one_line(error)}") from error
 
 
 def _npz(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of numbers, each after a look at its header, so that no lie there costs memory."""
+    """The numeric arrays; each header is checked first, so that a false size cannot exhaust the memory."""
     arrays = {}
-    room = MAX_INFLATION * path.stat().st_size
+    room = max(2**26, MAX_INFLATION * path.stat().st_size)
     try:
         with zipfile.ZipFile(path) as archive:
             for member in archive.infolist():
@@ -114,31 +122,34 @@ def _npz(path: Path) -> dict[str, np.ndarray]:
                 if dtype.kind not in "fiu":
                     continue
                 if not 0 <= math.prod(shape) * dtype.itemsize <= min(member.file_size, room):
-                    raise ValueError(f"the array {member.filename} is not as long as it says")
+                    raise ValueError(f"the array {member.filename} has another length than its header says")
                 with archive.open(member) as stream:
                     array = np.lib.format.read_array(stream, allow_pickle=False)
                 arrays[member.filename.removesuffix(".npy").lower()] = array
     except (OSError, MemoryError):
         raise
-    except Exception as error:  # what zipfile, zlib and numpy raise has no common class
-        raise LightdomeError(f"{path} is damaged or no .npz file: {one_line(error)}") from error
+    except Exception as error:  # zipfile, zlib and numpy have no common base class of errors
+        raise LightdomeError(f"{path} is damaged or not an .npz file: {one_line(error)}") from error
     return arrays
 
 
 def _csv(path: Path) -> dict[str, np.ndarray]:
-    text = path.read_bytes().decode("utf-8-sig", errors="replace")
+    content = path.read_bytes()
+    if b"\0" in content:
+        raise LightdomeError(f"{path} is not a table; use a .csv file with a line of names, or an .npz file")
+    text = content.decode("utf-8-sig", errors="replace")
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     if len(lines) < 2:
-        raise LightdomeError(f"{path}: a table needs a line of names and at least one line of numbers")
+        raise LightdomeError(f"{path}: a table needs a header line and at least one line of numbers")
     delimiter = max(",;\t", key=lines[0].count)
     names, *rows = csv.reader(lines, delimiter=delimiter)
     names = [name.strip().lower() for name in names]
     if all(math.isfinite(_number(name)) for name in names):
-        raise LightdomeError(f"{path}: the first line holds numbers; it must hold the names of the columns")
+        raise LightdomeError(f"{path}: the first line has numbers; it must have the names of the columns")
     for number, row in enumerate(rows, 2):
         if len(row) != len(names):
             raise LightdomeError(
-                f"{path}: line {number} has {len(row)} values, and the header {len(names)} names:"
+                f"{path}: line {number} has {len(row)} values, but the header has {len(names)} names:"
                 f" {quoted(delimiter.join(row))}"
             )
     table = np.array([[_number(value) for value in row] for row in rows])
@@ -153,14 +164,14 @@ def _number(text: str) -> float:
 
 
 def column(table: Mapping[str, np.ndarray], *names: str) -> np.ndarray | None:
-    """The first column (N,) that has one of these names, None without one."""
+    """The first column (N,) that has one of these names, or None."""
     return next((table[name] for name in names if name in table and table[name].ndim == 1), None)
 
 
 def columns(
     table: Mapping[str, np.ndarray], array: Sequence[str], groups: Sequence[Sequence[str]]
 ) -> np.ndarray | None:
-    """The first array (N, k) of the names ``array``, or the first ``groups`` of k columns; None without either."""
+    """The first array (N, k) whose name is in ``array``, or the first of the ``groups`` of k columns, or None."""
     for name in array:
         if name in table and table[name].ndim == 2 and table[name].shape[1] == len(groups[0]):
             return table[name]
@@ -171,36 +182,32 @@ def columns(
 
 
 def directions_of(table: Mapping[str, np.ndarray], path: object) -> np.ndarray:
-    """The directions (N, 3); raises :class:`LightdomeError` where there are none."""
+    """The directions (N, 3); raises :class:`LightdomeError` if there are none."""
     found = columns(table, ("direction", "directions", "to_light"), VECTORS)
     if found is None:
         raise LightdomeError(
-            f"{path}: it needs directions, as columns x, y, z or an array direction (N, 3); it has"
+            f"{path}: no directions: expected columns x, y, z or an array direction (N, 3), got"
             f" {', '.join(map(quoted, list(table)[:12])) or 'no numbers'}"
         )
     return found
 
 
 def colours_of(table: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """The colours (N, 3), None without any."""
+    """The colours (N, 3), or None."""
     return columns(table, ("radiance", "flux", "color", "colour", "rgb", "irradiance"), COLOURS)
 
 
-def verdict_of(causes: Sequence[tuple[Cause, str]], orientation: str = "") -> str:
-    """What does not agree: causes with a remark each, and how it is turned."""
-    said = [f"{cause.name}: {cause.what}{f' ({more})' if more else ''}" for cause, more in causes]
-    return "; ".join(["does not agree", *said, *([orientation] if orientation else [])])
-
-
 def unit(direction: np.ndarray) -> tuple[np.ndarray, float]:
-    """``direction`` with length 1, float64, and by how much the worst one's length was off.
+    """The directions scaled to length 1, float64, and the largest difference of a length from 1.
 
-    Raises :class:`LightdomeError` for a direction that is 0 or not finite.
+    Raises :class:`LightdomeError` for a direction that is zero or not finite.
     """
     direction = direction.astype(np.float64)
     length = np.linalg.norm(direction, axis=1)
     bad = ~(np.isfinite(length) & (length > 0))
     if bad.any():
         n = int(bad.argmax())
-        raise LightdomeError(f"a direction must be a vector, got {checks.told(direction[n].tolist())} (row {n})")
+        raise LightdomeError(
+            f"a direction must be finite and not zero, got {checks.told(direction[n].tolist())} (row {n})"
+        )
     return direction / length[:, None], float(np.abs(length - 1).max())

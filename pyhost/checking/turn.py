@@ -1,9 +1,8 @@
-"""How another program's image of the sphere is mirrored or turned, and for which program's maps that is right."""
+"""How another program's image of the sphere is mirrored or turned, and with which convention that is right."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,10 +11,9 @@ from ..maps.conventions import yaw_between
 from ..maps.geometry import column_angles, directions, row_angles
 from ..maps.rotation import rotation_matrix
 from ..names import CONVENTIONS
+from .causes import Irradiance
 
-Irradiance = Callable[[np.ndarray], np.ndarray]
-
-# How the normals of an image may be turned before they meet the light; y is up, z towards the camera.
+# How the normals of an image may be turned relative to the light; y is up, z towards the camera.
 TURNS = {
     "": np.diag([1.0, 1, 1]),
     "mirrored left to right": np.diag([-1.0, 1, 1]),
@@ -44,21 +42,21 @@ class Orientation:
         return rotation_matrix(-self.yaw) @ TURNS[self.turn]
 
     def told(self) -> str:
-        """Its description, and the conventions of maps that would make it right."""
+        """The orientation in words, with the conventions of maps that would make it right."""
         turns = {name: rotation_matrix(yaw_between(name, "lightdome")).T for name in CONVENTIONS}
         presets = [name for name, turn in turns.items() if np.abs(turn - self.matrix).max() < 1e-9]
-        return f"{self}, as is right for a map of --convention {' or '.join(presets)}" if presets else str(self)
+        return f"{self}, which is right for a map with --convention {' or '.join(presets)}" if presets else str(self)
 
     def __str__(self) -> str:
         yaw = f"the map turned by {self.yaw:g} degrees about the vertical" if self.yaw else ""
         return " and ".join(part for part in (self.turn, yaw) if part)
 
 
-ROWS, COLUMNS = 90, 180  # of a table of directions
+ROWS, COLUMNS = 90, 180  # size of a table of directions
 
 
 def table_of(irradiance: Irradiance) -> np.ndarray:
-    """The irradiance in all directions, (90, 180, 3), as :func:`find_orientation` looks it up."""
+    """The irradiance for all directions, (90, 180, 3), as :func:`find_orientation` needs it."""
     towards = directions(row_angles(ROWS)[:, None], column_angles(COLUMNS)[None])
     return irradiance(towards.reshape(-1, 3)).reshape(ROWS, COLUMNS, 3)
 
@@ -76,7 +74,7 @@ def _looked_up(table: np.ndarray, vector: np.ndarray) -> np.ndarray:
 
 
 def find_orientation(table: np.ndarray, normal: np.ndarray, pixels: np.ndarray) -> Orientation:
-    """That which makes the irradiance in ``table`` most like ``pixels`` (P, 3) at ``normal``, but for a factor."""
+    """The orientation that makes the irradiance in ``table`` most like ``pixels`` (P, 3), up to a factor."""
     few = slice(None, None, max(1, len(normal) // 200))
     normal, pixels = normal[few], pixels[few]
     size = float((pixels**2).sum())
@@ -88,6 +86,6 @@ def find_orientation(table: np.ndarray, normal: np.ndarray, pixels: np.ndarray) 
     best = min((Orientation(turn, yaw) for turn in TURNS for yaw in range(0, 360, 10)), key=unlike)
     finer = [Orientation(best.turn, (best.yaw + step / 2) % 360) for step in range(-20, 21)]
     best = min([best, *finer], key=unlike)
-    # Quarter turns are what people make; of several ways to say the same, that without a turn of the map.
+    # Quarter turns are the likeliest. If one can be described in several ways, prefer the one with the least yaw.
     quarters = [Orientation(turn, yaw) for yaw in (0, 90, 180, 270) for turn in TURNS]
     return next((near for near in quarters if np.abs(near.matrix - best.matrix).max() < math.radians(3)), best)

@@ -1,10 +1,9 @@
-"""Whether another program's results agree with what is known exactly, and if not, what went wrong."""
+"""Check another program's results against exact ones, and name the mistake if they are wrong."""
 
 from __future__ import annotations
 
 import contextlib
 import json
-import math
 import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Iterator
@@ -17,13 +16,14 @@ from ..files import replacing
 from . import cli
 
 if TYPE_CHECKING:
+    from ..checking.causes import Finding
     from ..checking.image import ImageCheck
     from ..checking.tables import TableCheck
 
 
 @dataclass(frozen=True)
 class Found:
-    """What a check found: whether the file ``agrees``, None for cannot tell; as text, verdict first; and for JSON."""
+    """What a check found: whether the file agrees, None if that cannot be told; lines of text, verdict first; JSON."""
 
     agrees: bool | None
     lines: list[str]
@@ -34,14 +34,20 @@ def image_arguments(parser: ArgumentParser) -> None:
     cli.map_options(parser)
     number = parser.add_mutually_exclusive_group()
     number.add_argument(
-        "--samples", type=cli.positive_int, metavar="N", help="number of samples that all pixels share, if any do"
+        "--samples", type=cli.positive_int, metavar="N", help="number of samples, if all pixels share them"
     )
-    number.add_argument("--spp", type=cli.positive_int, metavar="N", help="number of fresh samples of each pixel")
-    parser.add_argument(
-        "--albedo", type=cli.non_negative_float, default=1.0, metavar="RHO", help="share of light that is reflected"
+    number.add_argument(
+        "--spp", type=cli.positive_int, metavar="N", help="number of samples per pixel, if each has fresh ones"
     )
     parser.add_argument(
-        "--gamma", type=cli.positive_float, default=2.2, help="gamma that a .png or .ppm was written with"
+        "--albedo",
+        type=cli.non_negative_float,
+        default=1.0,
+        metavar="RHO",
+        help="share of light that the sphere reflects",
+    )
+    parser.add_argument(
+        "--gamma", type=cli.positive_float, default=2.2, help="gamma with which a .png or .ppm file was encoded"
     )
     cli.device_option(parser)
 
@@ -63,18 +69,18 @@ def image(args: Namespace) -> Found:
 
 
 def image_lines(check: ImageCheck) -> Iterator[str]:
-    """The check for people, verdict first."""
+    """The result as text, verdict first."""
     yield check.verdict
-    if check.cause:
-        yield _line("seen", check.cause.seen)
-        yield _line("where", check.cause.where)
+    for label, text in _explanations(check):
+        yield _line(label, text)
     yield _line("relative RMSE", f"{check.relative_rmse:.2%}")
     if check.expected:
         e = check.expected
         per = "samples per pixel" if e.per_pixel else "samples"
-        yield _line("expected", f"{e.mean:.2%}, nine of ten images of {e.count} {per} from {e.low:.2%} to {e.high:.2%}")
-    if not math.isnan(check.deviations):
-        yield _line("off by", f"{check.deviations:.1f} standard deviations")
+        yield _line(
+            "expected", f"{e.mean:.2%}; from {e.low:.2%} to {e.high:.2%} in nine of ten images of {e.count} {per}"
+        )
+    yield _line("off by", f"{check.deviations:.1f} standard deviations")
     yield _line("by channel", "red {:+.2%}, green {:+.2%}, blue {:+.2%}".format(*check.bias))
     yield _line("factors", "red {:.4g}, green {:.4g}, blue {:.4g}".format(*check.factor))
     if check.orientation:
@@ -84,7 +90,15 @@ def image_lines(check: ImageCheck) -> Iterator[str]:
     if (x, y, radius) != (width / 2, height / 2, min(height, width) / 2):
         yield _line("sphere", f"centre {x:.1f}, {y:.1f}, radius {radius:.1f} pixels of {width} x {height}")
     x, y = check.largest_at
-    yield _line("largest error", f"{check.largest_error:.4g}, radiance, in pixel x = {x}, y = {y} of the sphere")
+    yield _line("largest error", f"{check.largest_error:.4g} (radiance) at pixel x = {x}, y = {y} of the sphere")
+
+
+def _explanations(check: Finding) -> Iterator[tuple[str, str]]:
+    """How each of the causes is seen, and where in the code to look for it."""
+    for cause in check.causes:
+        of = f"{cause.name}: " if len(check.causes) > 1 else ""
+        yield "seen", of + cause.seen
+        yield "look", of + cause.where
 
 
 def _line(label: str, text: str) -> str:
@@ -103,7 +117,7 @@ def pdf_arguments(parser: ArgumentParser) -> None:
         "--per",
         choices=["either", "steradian", "pixel"],
         default="either",
-        help="what an image must hold: densities per steradian, probabilities of pixels, or one of them",
+        help="what an image must hold: densities per steradian, probabilities of pixels, or either",
     )
 
 
@@ -129,9 +143,13 @@ def lights(args: Namespace) -> Found:
 
 def fresnel_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
-        "--eta", type=cli.positive_float, default=1.4, metavar="N", help="refractive index of the material, in air"
+        "--eta",
+        type=cli.positive_float,
+        default=1.4,
+        metavar="N",
+        help="refractive index of the material, which is surrounded by air",
     )
-    parser.add_argument("--leaving", action="store_true", help="the light leaves the material, and does not enter it")
+    parser.add_argument("--leaving", action="store_true", help="the light leaves the material instead of entering it")
 
 
 def fresnel(args: Namespace) -> Found:
@@ -152,7 +170,7 @@ def folder(args: Namespace) -> Found:
     from ..files import write_table
 
     if args.out is None:
-        raise LightdomeError("a folder's page needs a place: give --out DIR")
+        raise LightdomeError("the table and the page need a folder: give --out DIR")
     envmap = cli.load_map(args)
     rows = FolderCheck(cli.open_device(args), envmap, args.eta, args.leaving).rows(args.file)
     name = args.file.resolve().name
@@ -167,7 +185,7 @@ def folder(args: Namespace) -> Found:
 
 
 def _of_table(check: TableCheck) -> Found:
-    rows = [("seen", check.cause.seen), ("where", check.cause.where)] if check.cause else []
+    rows = list(_explanations(check))
     rows += [("orientation", check.orientation)] if check.orientation else []
     rows += [(name.replace("_", " "), _shown(value)) for name, value in check.details.items()]
     width = max(len(name) for name, _ in rows)
@@ -184,7 +202,7 @@ def _shown(value: object) -> str:
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of file: its purpose in a line, the arguments of an example, its options, and the check itself."""
+    """A kind of file: what it is, the arguments of an example, its options, and its check."""
 
     purpose: str
     example: str
@@ -194,13 +212,13 @@ class Kind:
 
 KINDS = {
     "image": Kind(
-        "an image of the diffuse sphere under a map",
+        "an image of the diffuse sphere lit by a map",
         "image sphere.pfm --map map.exr --samples 1024",
         image_arguments,
         image,
     ),
     "samples": Kind(
-        "samples of a map, as .npz or .csv: their directions, radiance, probabilities and pixels",
+        "samples of a map, as .npz or .csv: directions, radiance, probabilities and pixels",
         "samples samples_1024.npz --map map.exr",
         cli.map_options,
         samples,
@@ -224,7 +242,7 @@ KINDS = {
         fresnel,
     ),
     "folder": Kind(
-        "a folder of such files, a class's hand-ins, as a table and a page with pictures",
+        "a folder of such files, such as a class's hand-ins; writes a table and a page with pictures",
         "folder hand-ins --map map.exr --out out",
         folder_arguments,
         folder,
@@ -234,7 +252,7 @@ KINDS = {
 
 def main() -> None:
     parser = cli.parser(
-        "Say whether another program's result agrees with what is known exactly, and if not, what went wrong.\n\n"
+        "Say whether another program's result agrees with the exact one, and if not, what went wrong.\n\n"
         "The exit status is 0 if it agrees, 1 if it does not, and 2 if that cannot be told.",
         KINDS["image"].example,
     )
@@ -251,12 +269,12 @@ def main() -> None:
         of_kind.add_argument("file", type=Path, metavar=metavar, help=kind.purpose)
         kind.arguments(of_kind)
         of_kind.add_argument(
-            "--out", type=Path, metavar="DIR", help="folder to write NAME_check.json, and a picture if there is one"
+            "--out", type=Path, metavar="DIR", help="folder for NAME_check.json, and for a picture of an image"
         )
-        of_kind.add_argument("--json", action="store_true", help="print a JSON object, and no text")
+        of_kind.add_argument("--json", action="store_true", help="print a JSON object instead of text")
     args = parser.parse_args()
     try:
-        with contextlib.redirect_stdout(sys.stderr):  # standard output has the verdict first
+        with contextlib.redirect_stdout(sys.stderr):  # keep standard output for the result
             if args.out:
                 cli.output_folder(args.out, images=True)
             found = KINDS[args.kind].check(args)

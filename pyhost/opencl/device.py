@@ -9,6 +9,7 @@ implementation lists its devices just as a working one does. The same process me
 from __future__ import annotations
 
 import contextlib
+import importlib.metadata
 import json
 import os
 import subprocess
@@ -39,7 +40,7 @@ from .rates import Rates
 
 PROBE_SECONDS = 60.0
 FAILURE_SECONDS = 86400.0  # how long a failure is remembered, if another device works
-INSTALL = "apt-get install pocl-opencl-icd, pip install 'lightdome[pocl]', or your GPU's driver"
+WHEEL = "pocl-binary-distribution"  # what the extra [pocl] installs
 
 
 @dataclass(frozen=True)
@@ -135,7 +136,7 @@ def open_device(choice: str | None = None) -> Device:
             f"the OpenCL device {asked!r} does not compile and run kernels ({failures}); choose another with --device"
         )
     raise LightdomeError(
-        f"no OpenCL device works here{f' ({failures})' if failures else ''}; for one that does: {INSTALL}"
+        f"no OpenCL device works here{f' ({failures})' if failures else ''}; for one that does: {_install()}"
     )
 
 
@@ -322,12 +323,19 @@ def _probe(candidate: _Candidate) -> _Trial:
     return _Trial(candidate, None, one_line(said[-1].removeprefix("probe: ").removeprefix("the device fails: ")))
 
 
+def _install() -> str:
+    """How to get another OpenCL device; if PoCL's wheel is there, it may be what is broken."""
+    is_there = any(True for _ in importlib.metadata.distributions(name=WHEEL))
+    pip = f"pip install --force-reinstall {WHEEL}" if is_there else "pip install 'lightdome[pocl]'"
+    return f"apt-get install pocl-opencl-icd, {pip}, or your GPU's driver"
+
+
 def _slow(rates: Rates) -> str | None:
     if not rates.is_slow:
         return None
     return (
         f"note: this OpenCL device does {1e-9 * rates.multiply_adds:.0f} G multiply-adds a second, less than a third of"
-        f" numpy's {1e-9 * rates.numpy:.0f} G; for a faster one: {INSTALL}"
+        f" numpy's {1e-9 * rates.numpy:.0f} G; for a faster one: {_install()}"
     )
 
 

@@ -1,4 +1,4 @@
-"""Curves of reflectances: each mistake is named, and right ones never are."""
+"""Curves of reflectances: each mistake is named, and correct curves agree."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from lightdome.fresnel.equations import critical_angle, fresnel
 from student_fresnel import curves
 
 DEGREES = np.arange(0, 91.0)
-OF_BOTH = ("amplitudes averaged", "one polarisation for both", "p and s added")  # of unpolarised light alone
+OF_BOTH = ("amplitudes averaged", "one polarisation for both", "p and s added")  # only in unpolarised light
 
 
 def sides(name: str) -> list[bool]:
-    """Whether light leaves: the mistake is seen there."""
+    """The values of ``leaving`` for which the mistake makes a difference."""
     if name in ("curve ends at the critical angle", "Schlick with the incident angle on the way out"):
         return [True]
     return [False, True]
@@ -36,7 +36,7 @@ def test_each_mistake_is_named(name: str) -> None:
                 assert check.cause.name == name, (eta, leaving, list(values), check.verdict)
 
 
-def test_right_curves_agree() -> None:
+def test_correct_curves_agree() -> None:
     for eta in (0.8, 1.1, 1.33, 1.4, 1.5, 2.4):
         for leaving in (False, True):
             for degrees in (DEGREES, np.linspace(0, 89.9, 317), np.array([0.0, 30, 60])):
@@ -48,7 +48,7 @@ def test_right_curves_agree() -> None:
                         assert check.agrees, (eta, leaving, check.verdict)
 
 
-def test_the_last_digits_of_an_angle_do_no_harm_at_the_critical_angle() -> None:
+def test_rounded_angles_agree_even_near_the_critical_angle() -> None:
     critical = critical_angle(1.4, 1.0)
     assert critical is not None
     theta = np.append(critical + np.linspace(-1e-3, 1e-3, 41), math.pi / 2)
@@ -66,7 +66,7 @@ def test_a_curve_may_end_in_several_ways(lost: float | None) -> None:
     assert check.cause.name == "curve ends at the critical angle"
 
 
-def test_what_no_known_mistake_explains_is_told_with_its_place() -> None:
+def test_an_unknown_mistake_is_reported_with_its_angle() -> None:
     values = curves(DEGREES, 1.4, False)["reflectance"]
     values[40] += 0.2
     check = check_fresnel(np.radians(DEGREES), values, eta=1.4)
@@ -91,7 +91,7 @@ def test_angles_are_in_the_unit_that_the_column_says(tmp_path: Path, header: str
 
 def test_what_cannot_be_checked_is_refused(tmp_path: Path) -> None:
     for arguments, message in (
-        ({"theta": [0.1]}, "there must be reflectances"),
+        ({"theta": [0.1]}, "no reflectances to check"),
         ({"theta": [2.0], "p": [0.1]}, "between 0 and pi/2"),
         ({"theta": [0.1], "p": [0.1], "eta": 1.0}, "no boundary"),
         ({"theta": [0.1], "p": [0.1, 0.2]}, "shape"),
@@ -100,5 +100,5 @@ def test_what_cannot_be_checked_is_refused(tmp_path: Path) -> None:
         with pytest.raises(LightdomeError, match=message):
             check_fresnel(**values)
     (tmp_path / "curve.csv").write_text("a,b\n1,2\n")
-    with pytest.raises(LightdomeError, match="it needs a column angle_degrees"):
+    with pytest.raises(LightdomeError, match="expected a column angle_degrees"):
         read_curves(tmp_path / "curve.csv")

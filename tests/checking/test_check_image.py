@@ -1,4 +1,4 @@
-"""A right image agrees, whoever made it; each mistake of a student's renderer is told by its name."""
+"""Correct images of any program agree; each mistake in a student's renderer is named."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from helpers import ROOT
 from lightdome.checking.causes import CAUSES
 from lightdome.checking.disc import find_disc
 from lightdome.checking.image import Reference
+from lightdome.commands.check import image_lines
 from lightdome.disc import disc_mask
 from lightdome.errors import LightdomeError
 from lightdome.lighting.exact import exact
@@ -32,7 +33,7 @@ COUNT, SIDE = 2**16, 63
 
 @pytest.fixture(scope="module")
 def lamps() -> EnvironmentMap:
-    """A sky that is not the same anywhere, with coloured lamps; one is brighter than 255."""
+    """An irregular sky with coloured lamps, one of them brighter than 255."""
     height, width = 32, 64
     towards = directions(row_angles(height)[:, None], column_angles(width)[None])
     radiance = 0.3 + 0.25 * towards @ np.array([[0.6, 0.1, 0.2], [0.1, 0.7, 0.1], [0.3, 0.2, -0.6]])
@@ -61,7 +62,7 @@ def image(lamps: EnvironmentMap) -> np.ndarray:
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_a_mistake_is_told_by_its_name(lamps: EnvironmentMap, references: dict[float, Reference], mistake: str) -> None:
+def test_a_mistake_is_named(lamps: EnvironmentMap, references: dict[float, Reference], mistake: str) -> None:
     albedo = ALBEDO.get(mistake, 1.0)
     check = references[albedo].check(render(lamps.radiance, COUNT, SIDE, 1, mistake, albedo), COUNT)
     assert MISTAKES[mistake] in check.verdict
@@ -69,12 +70,12 @@ def test_a_mistake_is_told_by_its_name(lamps: EnvironmentMap, references: dict[f
     assert check.agrees is (MISTAKES[mistake] == "agrees")
 
 
-def test_every_cause_is_a_mistake_of_the_student() -> None:
+def test_the_student_can_make_every_mistake() -> None:
     said = " ".join(MISTAKES.values())
     assert [cause.name for cause in CAUSES if cause.name not in said and not cause.in_pictures] == []
 
 
-def test_the_page_on_checks_has_every_cause() -> None:
+def test_the_page_on_checks_lists_every_cause() -> None:
     page = (ROOT / "docs" / "check.md").read_text(encoding="utf-8")
     rows = [" | ".join((c.name, c.what, c.seen, c.where)) for c in CAUSES]
     listed = re.findall(r"^\| (.*) \|$", page.replace("\\|", "|").partition("## Causes")[2], re.MULTILINE)
@@ -83,7 +84,7 @@ def test_the_page_on_checks_has_every_cause() -> None:
 
 @pytest.mark.parametrize("count", [16, 4096])
 @pytest.mark.parametrize("sequence", [*SEQUENCES, "numpy"])
-def test_right_images_of_shared_samples_agree(
+def test_correct_images_of_shared_samples_agree(
     device: Device, lamps: EnvironmentMap, references: dict[float, Reference], sequence: str, count: int
 ) -> None:
     if sequence == "numpy":
@@ -95,7 +96,7 @@ def test_right_images_of_shared_samples_agree(
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
-def test_right_images_of_fresh_samples_agree(
+def test_correct_images_of_fresh_samples_agree(
     device: Device, lamps: EnvironmentMap, references: dict[float, Reference], estimator: str
 ) -> None:
     distribution = build_distribution(device, lamps)
@@ -105,14 +106,14 @@ def test_right_images_of_fresh_samples_agree(
             assert references[1.0].check(made[::-1], spp, per_pixel=True).agrees is False
 
 
-def test_the_exact_images_agree_without_a_number_of_samples(
+def test_exact_images_agree_without_a_number_of_samples(
     device: Device, lamps: EnvironmentMap, references: dict[float, Reference]
 ) -> None:
     for pixels in ("centres", "areas"):
         assert references[1.0].check(exact(device, lamps, 101, pixels=pixels)).agrees
 
 
-def test_without_a_number_of_samples_a_gross_mistake_is_told_and_else_nothing(
+def test_without_a_number_of_samples_only_a_gross_mistake_is_named(
     lamps: EnvironmentMap, references: dict[float, Reference], image: np.ndarray
 ) -> None:
     few = references[1.0].check(render(lamps.radiance, 256, SIDE))
@@ -129,7 +130,7 @@ def test_the_sphere_is_found_in_a_larger_image(references: dict[float, Reference
 
 
 @pytest.mark.parametrize("name", CONVENTIONS)
-def test_a_map_of_another_convention_is_told_by_its_name(
+def test_a_map_of_another_convention_is_recognised(
     lamps: EnvironmentMap, references: dict[float, Reference], name: str
 ) -> None:
     file_of_that = lamps.to_convention(name)
@@ -137,22 +138,22 @@ def test_a_map_of_another_convention_is_told_by_its_name(
     if name in ("lightdome", "pbrt"):
         assert check.agrees
     else:
-        # An image of the file read without its convention would be right for this map read with the inverse one.
+        # The image of a file read without its convention is correct for this map read with the inverse convention.
         (said,) = re.findall("--convention (.*)", check.verdict)
         assert any(np.array_equal(EnvironmentMap(file_of_that.radiance).radiance, f) for f in _files(lamps, said))
 
 
 def _files(envmap: EnvironmentMap, said: str) -> list[np.ndarray]:
-    """The map read as a file of each convention that is said."""
+    """The map read as a file of each convention that the verdict mentions."""
     width = envmap.width
     turns = [-round(yaw_between(name, "lightdome") / 360 * width) % width for name in said.split(" or ")]
     return [np.roll(envmap.radiance, turn, axis=1) for turn in turns]
 
 
-def test_factors_are_told_apart_from_the_shape(references: dict[float, Reference], image: np.ndarray) -> None:
+def test_factors_are_reported_apart_from_the_shape(references: dict[float, Reference], image: np.ndarray) -> None:
     twice = references[1.0].check(2 * image, COUNT)
     assert twice.agrees is False
-    assert "a factor of 2 is too much" in twice.verdict
+    assert "an extra factor of 2" in twice.verdict
     np.testing.assert_allclose(twice.factor, 2, rtol=0.02)
     tinted = references[1.0].check(image * np.array([1, 1.2, 0.8], np.float32), COUNT)
     np.testing.assert_allclose(tinted.factor, [1, 1.2, 0.8], rtol=0.02)
@@ -160,7 +161,7 @@ def test_factors_are_told_apart_from_the_shape(references: dict[float, Reference
 
 
 @pytest.mark.parametrize("exposure", [0.1, 0.5])
-def test_of_a_picture_only_the_shape_counts(
+def test_the_brightness_of_a_picture_does_not_matter(
     references: dict[float, Reference], image: np.ndarray, exposure: float
 ) -> None:
     decoded = (tone_map(image, exposure) / 255.0) ** 2.2
@@ -169,7 +170,7 @@ def test_of_a_picture_only_the_shape_counts(
     assert references[1.0].check(np.ones_like(image), COUNT, linear=False).agrees is None
 
 
-def test_what_no_mistake_explains_has_no_name(references: dict[float, Reference], image: np.ndarray) -> None:
+def test_an_unknown_mistake_is_not_named(references: dict[float, Reference], image: np.ndarray) -> None:
     noise = np.random.default_rng(0).random(image.shape).astype(np.float32)
     assert "does not look like a sphere" in references[1.0].check(noise, COUNT).verdict
     for bad in (
@@ -179,11 +180,11 @@ def test_what_no_mistake_explains_has_no_name(references: dict[float, Reference]
         check = references[1.0].check(bad, COUNT)
         assert check.agrees is False
         assert check.cause is None
-        assert "no reason that is known" in check.verdict
+        assert "no known mistake explains it" in check.verdict
     assert "black" in references[1.0].check(np.zeros_like(image), COUNT).verdict
 
 
-def test_the_result_says_where_the_error_is_and_goes_into_json(
+def test_the_result_has_the_largest_error_and_can_be_written_as_json(
     device: Device, lamps: EnvironmentMap, image: np.ndarray
 ) -> None:
     image = image.copy()
@@ -214,7 +215,7 @@ def test_the_result_says_where_the_error_is_and_goes_into_json(
         ({"linear": 1}, "linear must be True or False"),
     ],
 )
-def test_what_cannot_be_checked_is_refused_in_words(
+def test_what_cannot_be_checked_is_refused(
     device: Device, lamps: EnvironmentMap, image: np.ndarray, changes: dict[str, object], words: str
 ) -> None:
     arguments = {"device": device, "image": image, "envmap": lamps, **changes}
@@ -222,7 +223,7 @@ def test_what_cannot_be_checked_is_refused_in_words(
         lightdome.check_image(**arguments)
 
 
-def test_a_large_map_is_made_smaller_for_what_mistakes_look_like(device: Device) -> None:
+def test_a_large_map_is_reduced_to_simulate_mistakes(device: Device) -> None:
     radiance = np.random.default_rng(0).random((1100, 130, 3)).astype(np.float32)
     reference = Reference(device, EnvironmentMap(radiance))
     assert reference.small.height == 367
@@ -241,19 +242,23 @@ PAIRS = (
 
 
 @pytest.mark.parametrize("pair", PAIRS)
-def test_two_mistakes_are_told_as_two(lamps: EnvironmentMap, references: dict[float, Reference], pair: str) -> None:
+def test_two_mistakes_are_both_named(lamps: EnvironmentMap, references: dict[float, Reference], pair: str) -> None:
     check = references[1.0].check(render(lamps.radiance, COUNT, SIDE, 1, pair), COUNT)
     assert check.agrees is False
     assert "two mistakes: " in check.verdict or "more than one mistake; closest: " in check.verdict
     for mistake in pair.split(" + "):
         assert MISTAKES[mistake].rstrip(":") in check.verdict
+    if "two mistakes: " in check.verdict:
+        lines = "\n".join(image_lines(check))
+        assert len(check.causes) + bool(check.orientation) == 2
+        assert all(f"{cause.seen}\n" in lines and f"{cause.where}\n" in lines for cause in check.causes)
 
 
 @pytest.mark.parametrize("exposure", [0.1, 0.5])
-def test_a_picture_without_gamma_or_with_it_twice_is_told(
+def test_a_picture_encoded_never_or_twice_is_named(
     references: dict[float, Reference], image: np.ndarray, exposure: float
 ) -> None:
-    linear = np.rint(255 * np.clip(image * exposure, 0, 1)) / 255  # what the file's numbers are taken for: encoded
+    linear = np.rint(255 * np.clip(image * exposure, 0, 1)) / 255  # written without encoding
     check = references[1.0].check(linear**2.2, COUNT, linear=False)
     assert check.cause is not None
     assert check.cause.name == "picture not gamma-encoded"

@@ -1,4 +1,4 @@
-"""Lights that stand for a map: each mistake is named, and right ones never are."""
+"""Lights that stand for a map: each mistake is named, and correct lights agree."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from lightdome.maps.conventions import from_uv
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.names import CONVENTIONS, LIGHT_METHODS
 from lightdome.opencl.device import Device
+from lightdome.sampling.distribution import build_distribution
 from student_lights import cut
 
 
@@ -45,7 +46,7 @@ MISTAKES = [
     "phi over half its range",
     "x and y swapped",
     "directions not normalised",
-    "directions of no known lights",
+    "wrong directions",
 ]
 TURNED = ["mirrored left to right", "upside down", "directions point away from the light"]
 
@@ -60,14 +61,14 @@ def test_each_mistake_is_named(device: Device, mistake: str) -> None:
 
 
 @pytest.mark.parametrize("mistake", TURNED)
-def test_how_they_are_turned_is_told(device: Device, mistake: str) -> None:
+def test_the_orientation_is_reported(device: Device, mistake: str) -> None:
     for radiance in MAPS.values():
         check = check_lights(device, EnvironmentMap(radiance), *cut(radiance, 64, mistake))
         assert check.agrees is False
         assert check.orientation == mistake
 
 
-def test_a_right_cut_of_another_hand_agrees(device: Device) -> None:
+def test_an_independent_correct_median_cut_agrees(device: Device) -> None:
     for radiance in MAPS.values():
         for count in (4, 16, 64, 256):
             check = check_lights(device, EnvironmentMap(radiance), *cut(radiance, count))
@@ -78,7 +79,9 @@ def test_lightdomes_own_agree_in_every_convention(device: Device, tmp_path: Path
     tried = 0
     for radiance in MAPS.values():
         envmap = EnvironmentMap(radiance)
-        for n, method in enumerate(name for name in LIGHT_METHODS if name != "sun+median-cut"):  # there is no sun
+        for n, method in enumerate(
+            name for name in LIGHT_METHODS if name != "sun+median-cut"
+        ):  # these maps have no sun
             for count in (2, 16, 100):
                 tried += 1
                 write_csv(tmp_path / "lights.csv", make(device, envmap, method, count, tried))
@@ -89,6 +92,14 @@ def test_lightdomes_own_agree_in_every_convention(device: Device, tmp_path: Path
                 check = check_lights(device, envmap, from_uv(u, v, convention), flux)
                 assert check.agrees, (method, count, convention, check.verdict)
     assert tried == 6 * (len(LIGHT_METHODS) - 1)
+
+
+def test_samples_given_as_lights_have_the_wrong_flux(device: Device) -> None:
+    envmap = EnvironmentMap(MAPS["room"])
+    samples = build_distribution(device, envmap).sample(1024, 0)
+    check = check_lights(device, envmap, samples.direction, samples.radiance)
+    assert check.cause is not None
+    assert check.cause.name == "flux scaled"
 
 
 def test_what_cannot_be_checked_is_refused(device: Device, tmp_path: Path) -> None:

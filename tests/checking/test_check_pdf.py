@@ -1,4 +1,4 @@
-"""Images and tables of densities: each mistake is named, and right ones never are."""
+"""Images and tables of densities: each mistake is named, and correct densities agree."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MAPS = [stiff_radiance(21, 43), stiff_radiance(16, 32, 5), stiff_radiance(24, 24
 
 
 def images(radiance: np.ndarray) -> dict[str, np.ndarray]:
-    """Densities (H, W) that a program with each mistake writes, and the right ones under ""."""
+    """Images of densities (H, W): the correct one under "", the others under the name of the mistake."""
     L = radiance.astype(np.float64)
     height, width = L.shape[:2]
     theta = np.pi * (np.arange(height) + 0.5) / height
@@ -62,7 +62,7 @@ def test_each_mistake_is_named() -> None:
         (lambda image: image.T, "rows and columns exchanged"),
     ],
 )
-def test_how_it_is_turned_is_told(change, told: str) -> None:  # type: ignore[no-untyped-def]
+def test_the_orientation_is_reported(change, told: str) -> None:  # type: ignore[no-untyped-def]
     check = check_pdf(EnvironmentMap(MAPS[1]), change(images(MAPS[1])[""]))
     assert check.agrees is False
     assert check.orientation == told
@@ -106,7 +106,8 @@ def test_files(tmp_path: Path) -> None:
 def test_what_cannot_be_checked_is_refused(tmp_path: Path) -> None:
     write_image(tmp_path / "map.pfm", MAPS[0])
     np.savez(tmp_path / "other.npz", image=MAPS[0])
-    for name, message in (("map.pfm", "must be grey"), ("other.npz", "it needs densities")):
+    np.savez(tmp_path / "samples.npz", direction=np.ones((2, 3)), probability=np.ones(2))
+    for name, message in (("map.pfm", "must be grey"), ("other.npz", "no densities"), ("samples.npz", "no densities")):
         with pytest.raises(LightdomeError, match=message):
             read_pdf(tmp_path / name)
     with pytest.raises(LightdomeError, match="the map's size, 43 x 21"):

@@ -1,4 +1,4 @@
-"""Samples of others: each mistake is named, and right ones never are."""
+"""Samples of other programs: each mistake is named, and correct samples agree."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from student_samples import draw
 
 
 def sky() -> np.ndarray:
-    """Grey-blue, with a sun as wide as a few pixels, three black rows, and a little noise."""
+    """A grey-blue sky with a sun a few pixels wide, three black rows, and a little noise."""
     v, u = (np.arange(32) + 0.5) / 32, (np.arange(64) + 0.5) / 64
     towards = from_uv(u[None], v[:, None])
     sun = np.exp(80 * (towards @ np.array([0.51, 0.62, 0.596]) - 1))[..., None]
@@ -40,7 +40,7 @@ MISTAKES = [
     "pixel edges for centres",
     "W - 1 for W",
     "directions not normalised",
-    "values of other pixels",
+    "radiance of other pixels",
     "radiance scaled",
     "density for probability",
     "solid angle missing",
@@ -60,7 +60,7 @@ def points(count: int = 1024, seed: int = 0) -> np.ndarray:
 
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_each_mistake_is_named(mistake: str) -> None:
-    # Sky is smooth, so that neighbouring rows have the same CDF.
+    # The sky is so smooth that neighbouring rows have nearly the same CDF.
     maps = [L for name, L in MAPS.items() if (mistake, name) != ("row CDF of another row", "sky")]
     for n, radiance in enumerate(maps):
         check = check_samples(EnvironmentMap(radiance), **draw(radiance, points(seed=n), mistake, within=n == 1))
@@ -82,7 +82,7 @@ def test_each_mistake_is_named(mistake: str) -> None:
         "x and y swapped",
     ],
 )
-def test_directions_and_radiance_alone_are_enough_for_most(mistake: str) -> None:
+def test_directions_and_radiance_are_enough_for_most_mistakes(mistake: str) -> None:
     for radiance in MAPS.values():
         drawn = draw(radiance, points(4096), mistake)
         check = check_samples(EnvironmentMap(radiance), drawn["direction"], drawn["radiance"])
@@ -91,13 +91,13 @@ def test_directions_and_radiance_alone_are_enough_for_most(mistake: str) -> None
 
 
 def turned(direction: np.ndarray, convention: str) -> np.ndarray:
-    """The directions that another program gives the same places of the map."""
+    """The directions of the same places in the map in another convention."""
     u = np.arctan2(direction[:, 2], direction[:, 0]) / (2 * np.pi)
     return from_uv(u, np.arccos(np.clip(direction[:, 1], -1, 1)) / np.pi, convention)
 
 
 @pytest.mark.slow
-def test_right_samples_agree_in_every_convention(device: Device) -> None:
+def test_correct_samples_agree_in_every_convention(device: Device) -> None:
     tried = 0
     for name, radiance in MAPS.items():
         envmap = EnvironmentMap(radiance)
@@ -123,7 +123,7 @@ def test_right_samples_agree_in_every_convention(device: Device) -> None:
     assert tried >= 200
 
 
-def test_a_right_program_of_another_hand_agrees() -> None:
+def test_an_independent_correct_program_agrees() -> None:
     for radiance in MAPS.values():
         for seed in range(10):
             check = check_samples(EnvironmentMap(radiance), **draw(radiance, points(500, seed), within=seed % 2 == 0))
@@ -139,7 +139,7 @@ def test_a_right_program_of_another_hand_agrees() -> None:
         ([-1, -1, -1], "directions point away from the light"),
     ],
 )
-def test_mirrored_and_turned_directions_are_told(axes: list[int], told: str) -> None:
+def test_mirrored_and_turned_directions_are_reported(axes: list[int], told: str) -> None:
     for radiance in MAPS.values():
         drawn = draw(radiance, points())
         check = check_samples(EnvironmentMap(radiance), drawn["direction"] * axes, drawn["radiance"])
@@ -148,7 +148,7 @@ def test_mirrored_and_turned_directions_are_told(axes: list[int], told: str) -> 
         assert told in check.verdict
 
 
-def test_a_map_turned_by_some_columns_is_told() -> None:
+def test_a_map_turned_by_some_columns_is_reported() -> None:
     radiance = MAPS["sky"]
     drawn = draw(np.roll(radiance, 5, axis=1), points())
     check = check_samples(EnvironmentMap(radiance), drawn["direction"], drawn["radiance"])
@@ -173,14 +173,15 @@ def test_tables_are_read_by_their_names(tmp_path: Path, suffix: str) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "a line of names"),
-        ("x,y,z\n", "a line of names"),
-        ("1,2,3\n4,5,6\n", "the first line holds numbers"),
+        ("", "a header line"),
+        ("x,y,z\n", "a header line"),
+        ("PF\n1 1\n\0\0\0", "is not a table"),
+        ("1,2,3\n4,5,6\n", "the first line has numbers"),
         ("x,y,z\n1,2\n", "line 2 has 2 values"),
-        ("a,b,c\n1,2,3\n", "it needs directions"),
+        ("a,b,c\n1,2,3\n", "no directions"),
     ],
 )
-def test_what_is_no_table_of_samples_is_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_a_file_that_is_not_a_table_of_samples_is_refused(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "samples.csv"
     path.write_text(text)
     with pytest.raises(LightdomeError, match=message):
@@ -191,7 +192,7 @@ def test_what_cannot_be_checked_is_refused() -> None:
     black, envmap = EnvironmentMap(np.zeros((4, 8, 3))), EnvironmentMap(MAPS["sky"])
     for of_map, direction, message in (
         (black, [[0, 1, 0]], "black"),
-        (envmap, [[0, 0, 0]], "must be a vector"),
+        (envmap, [[0, 0, 0]], "must be finite and not zero"),
         (envmap, np.empty((0, 3)), "at least one direction"),
         (envmap, [[0, 1]], "shape"),
     ):
@@ -207,7 +208,7 @@ def test_every_law_has_its_cause() -> None:
     assert len(set(names)) == len(names)
 
 
-def test_the_verdict_is_json() -> None:
+def test_the_result_can_be_written_as_json() -> None:
     radiance = MAPS["sky"]
     told = check_samples(EnvironmentMap(radiance), draw(radiance, points(1))["direction"]).to_dict()
     assert told["agrees"] is True

@@ -1,4 +1,4 @@
-"""``lightdome check``: exit status, text, JSON and pictures, and the files that it reads."""
+"""``lightdome check image``: exit status, text, JSON and pictures, and the files that it reads."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A map, and images of it: right, upside down, and without pixels of its own."""
+    """A map, correct images of it in all formats, and one upside down."""
     made = tmp_path_factory.mktemp("check")
     radiance = np.minimum(stiff_radiance(16, 32), 20)
     write_image(made / "map.pfm", radiance)
@@ -84,14 +84,14 @@ def test_json_and_a_picture_are_written(run: Run, folder: Path, tmp_path: Path) 
         ("a.jpg", b"", "not an image that can be checked"),
         ("no.pfm", None, "No such file"),
         ("no.png", None, "no such file"),
-        ("a.png", b"P6\n1 1\n255\nabc", "does not begin like a .png file"),
+        ("a.png", b"P6\n1 1\n255\nabc", "does not start like a .png file"),
         ("a.png", b"\x89PNG\r\n\x1a\nnothing", "damaged"),
         ("a.ppm", b"P6\n99999 99999\n255\n", "too many|damaged"),
-        ("a.npz", b"PK nothing", "damaged or no .npz file"),
+        ("a.npz", b"PK nothing", "damaged or not an .npz file"),
         ("a.pfm", b"PF\n2 2\n-1\n", "PF|damaged|bytes|short|holds"),
     ],
 )
-def test_what_cannot_be_read_is_told_in_one_line(
+def test_a_file_that_cannot_be_read_is_one_line(
     run: Run, folder: Path, tmp_path: Path, name: str, content: bytes | None, words: str
 ) -> None:
     if content is not None:
@@ -113,7 +113,7 @@ def test_an_npz_file_must_hold_an_image(tmp_path: Path, arrays: dict[str, np.nda
         read_rendered(tmp_path / "a.npz")
 
 
-def test_pictures_are_decoded_by_the_gamma_that_is_given(tmp_path: Path) -> None:
+def test_pictures_are_decoded_with_the_given_gamma(tmp_path: Path) -> None:
     values = np.random.default_rng(0).integers(0, 256, (5, 7, 3), np.uint8)
     write_image(tmp_path / "a.png", values)
     for gamma in (1.0, 2.4):

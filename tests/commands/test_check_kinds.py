@@ -1,4 +1,4 @@
-"""``lightdome check`` of samples, densities, lights and curves, and of a folder of all of them."""
+"""``lightdome check`` for samples, densities, lights and curves, and for a folder of all of them."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
 
 @pytest.fixture(scope="module")
 def folder(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A map, and beside it a class's hand-ins, of which one file is none."""
+    """A map, and a folder of a class's hand-ins, among them some files that cannot be checked."""
     made = tmp_path_factory.mktemp("check")
     radiance = np.minimum(stiff_radiance(16, 32), 20)
     write_image(made / "map.pfm", radiance)
@@ -64,6 +64,9 @@ def folder(device: Device, tmp_path_factory: pytest.TempPathFactory) -> Path:
     table = np.stack([degrees, of_curve["p"], of_curve["s"]], axis=1)
     np.savetxt(hand_ins / "curve.csv", table, delimiter=",", header="angle_degrees,p,s", comments="")
     (hand_ins / "broken.exr").write_bytes(b"nothing")
+    write_image(hand_ins / "tiny_4.pfm", image[:8, :8])
+    (hand_ins / ".cache").mkdir()
+    (hand_ins / ".cache" / "copy.csv").write_text("hidden")
     (hand_ins / "notes.txt").write_text("not a hand-in")
     return made
 
@@ -124,10 +127,11 @@ def test_a_folder_becomes_a_table_and_a_page(run: Run, folder: Path, tmp_path: P
         "pdf.npz": ("densities", "yes"),
         "curve.csv": ("reflectances", "no"),
         "broken.exr": ("unreadable", "cannot tell"),
+        "tiny_4.pfm": ("unreadable", "cannot tell"),
     }
     assert rows["turned_1024.pfm"]["orientation"].startswith("upside down")
     assert rows["curve.csv"]["cause"] == "p and s swapped"
-    assert len(json.loads(result.stdout)["files"]) == 7
+    assert len(json.loads(result.stdout)["files"]) == 8
 
     page = Page((tmp_path / "class_check.html").read_text(encoding="utf-8"))
     for name in rows:
@@ -139,7 +143,7 @@ def test_a_folder_becomes_a_table_and_a_page(run: Run, folder: Path, tmp_path: P
     assert "http" not in page.text
 
 
-def test_a_folder_needs_files_and_a_place(run: Run, folder: Path, tmp_path: Path) -> None:
+def test_a_folder_needs_files_and_an_output_folder(run: Run, folder: Path, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     for arguments, words in (
         ((folder / "class",), "give --out"),

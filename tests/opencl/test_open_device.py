@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import json
 import os
 import re
@@ -100,6 +101,18 @@ def test_a_device_that_fails_the_probe_does_not_count(
     with pytest.raises(LightdomeError, match="does not compile and run"):
         open_device(device.handle.name)
     assert not list(tmp_path.rglob("*"))
+
+
+@pytest.mark.parametrize(("found", "advice"), [([], "lightdome[pocl]"), (["it"], "--force-reinstall")])
+def test_a_wheel_that_is_there_is_not_advised_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, found: list[str], advice: str
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.delenv("PYOPENCL_CTX", raising=False)
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    monkeypatch.setattr(importlib.metadata, "distributions", lambda name: found)
+    with pytest.raises(LightdomeError, match=re.escape(advice)):
+        open_device()
 
 
 @pytest.mark.slow

@@ -3,10 +3,10 @@
     .venv/bin/python tests/tools/check_table.py [image] [--mistakes NAME...] [--maps N] [--right N]
     .venv/bin/python tests/tools/check_table.py samples|pdf|lights|fresnel
 
-Images: each mistake in ``tests/student.py`` is made on ten maps, with ten seeds and sample counts. If the converged
-image of a mistake differs from the right one by less than the samples' noise, "agrees" is correct; such images are
-counted separately. Before that, N images without a mistake are checked, from lightdome's sequences and estimators and
-from numpy's random numbers.
+Images: first, N correct images are checked, made with lightdome's sequences and estimators and with numpy's random
+numbers. Then each mistake in ``tests/student.py`` is made on ten maps, with ten seeds and sample counts. If the
+converged image of a mistake differs from the correct one by less than the samples' noise, "agrees" is the right
+verdict; such images are counted separately.
 
 The other kinds: each mistake that the tests know is made on the same ten maps, or for several refractive indices. A
 mistake that does not change the result agrees; the row "none" holds correct results.

@@ -1937,7 +1937,7 @@ FAULTS: list[Fault] = [
         "if self.image.any(axis=2).mean() > 0.95:",
         "if False:",
         "a check removed",
-        ("test_check_image.py::test_what_no_mistake_explains_has_no_name",),
+        ("test_check_image.py::test_an_unknown_mistake_is_not_named",),
     ),
     host(
         "check: upside down is mirrored",
@@ -1945,7 +1945,7 @@ FAULTS: list[Fault] = [
         '"upside down": np.s_[::-1, :],',
         '"upside down": np.s_[:, ::-1],',
         "the wrong axis",
-        ("test_check_image.py::test_two_mistakes_are_told_as_two",),
+        ("test_check_image.py::test_two_mistakes_are_both_named",),
     ),
     host(
         "check: a picture is not decoded",
