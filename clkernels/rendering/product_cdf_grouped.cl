@@ -1,6 +1,11 @@
-// Light times cosine for every tile of the image as product_cdf.cl computes it, to the last bit, for a GPU.
+// Coarse CDFs of light times cosine on a GPU, bit for bit those of product_cdf.cl.
 //
-// Arguments: product_cdf.cl. One group of GROUP work-items per tile: each takes some cells, then some rows of cells.
+//     g(cell) = flux(cell) C(tile, cell)        total = sum over cells of g(cell)
+//
+// Work-items share the tile's normals, then its cells, then its rows of cells, of which there are at most GROUP. The
+// sums whose last bits depend on the order are each one work-item's.
+//
+// Arguments: product_cdf.cl. One group of GROUP work-items per tile; the tiles of a row of tiles follow one another.
 
 #include "common/prefix_sum.clh"
 #include "common/normal.clh"
