@@ -87,7 +87,7 @@ def test_lights_are_their_directions_and_fluxes(device: Device, stiff: Environme
         with pytest.raises(LightdomeError, match="expected lights, or directions and fluxes"):
             shade(device, wrong)
     for flux in (samples.flux, 255):
-        with pytest.raises(LightdomeError, match=r"lights have a flux of their own, got .* as resolution=255"):
+        with pytest.raises(LightdomeError, match=r"lights have fluxes already, got .* as in resolution=255"):
             shade(device, samples, flux)
 
 
