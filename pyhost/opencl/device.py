@@ -78,7 +78,7 @@ class Device:
 
     @property
     def vector_width(self) -> int:
-        """Pixels a work-item handles at once."""
+        """Pixels that a work-item handles at once."""
         return 1 if self.is_gpu else 16
 
     @cached_property
@@ -173,7 +173,7 @@ class Surveyed:
 
 
 def survey() -> list[Surveyed]:
-    """All devices, with the one that is used marked.
+    """All devices; the one in use is marked.
 
     Devices that failed before are tried again. Raises :class:`LightdomeError` as :func:`open_device` does.
     """

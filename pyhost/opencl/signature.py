@@ -1,6 +1,6 @@
 """A kernel's signature, read from its source, and arguments cast to its types.
 
-Arguments are named. A missing, superfluous or mistyped one is a defect of the caller and raises a ``TypeError`` that
+Arguments are named. A missing, superfluous or mistyped one is a bug in the caller, and raises a ``TypeError`` that
 names the kernel and the argument. OpenCL itself accepts any buffer for any pointer argument.
 """
 
