@@ -1,4 +1,4 @@
-// Prefix sums of w L^T along the rows of an environment map, so that what an arc of a row sends is one difference.
+// Prefix sums of w L^T along the rows of an environment map, so that the light from an arc of a row is one difference.
 //
 //     arc(k) = sum over columns x < k of w (R, G, B) row_weight(y)      k = -half .. width,  half = (width + 1) / 2
 //

@@ -1,4 +1,4 @@
-// The diffuse sphere under a whole environment map: every pixel of the map counts once, yet no loop goes over pixels.
+// The diffuse sphere under a whole environment map: every pixel of the map counts once, yet no loop runs over them.
 //
 //     image(n) = sum over pixels (x, y) of the map of row_weight(y) L(x, y) max(0, n . w)
 //

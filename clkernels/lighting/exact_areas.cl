@@ -7,8 +7,9 @@
 // (arc_sums.cl). Beyond both ends of the arc, the horizon cuts columns: a few, or many where it runs along the row. Let
 // u be the distance from the normal's azimuth, in columns. A column from u_0 to u_1 sends L (I(u_0) - I(u_1)), where
 // I(u) is what a row of radiance 1 sends from u outwards. I is a piecewise polynomial, the same for a whole image row
-// (horizon.py), and exactly 0 from where the row sets below the horizon: a sun that has set adds nothing. Pieces are
-// counted from the end of the arc, a whole number per column, so all normals use the same pieces for the next column.
+// (horizon.py). It is exactly 0 from where the whole row is below the horizon, so a sun that has set adds nothing.
+// Pieces are counted from the end of the arc, a whole number per column, so all normals use the same pieces for the
+// next column.
 //
 // arcs         from arc_sums.cl, for rows first .. first + rows - 1, with integrals of w over pixels in place of w at
 //              their centres

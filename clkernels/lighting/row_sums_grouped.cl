@@ -5,7 +5,7 @@
 //     lit(x, y)    = number of i <= x with q(i, y) > 0
 //     row(y)       = (sum of the q <= cap, number of q > cap, number of q > 0, largest q)
 //
-// Arguments: row_sums.cl. One group of GROUP work-items per row, a pixel each at a time.
+// Arguments: row_sums.cl. One group of GROUP work-items per row, each of which takes one pixel at a time.
 
 #include "common/prefix_sum.clh"
 #include "common/group_scan.clh"

@@ -2,9 +2,9 @@
 //
 //     image(n) = sum over lights of E max(0, n . w)
 //
-// ACROSS x DOWN work-items form a patch, which covers the tile: each has PIXELS pixels of one column. They all read the
-// same light at the same time, and each reuses it for its PIXELS pixels. The group has SLICES patches, which share out
-// the lights. At the end the patches' sums are added, always in the same order.
+// ACROSS x DOWN work-items form a patch that covers the tile; each of them computes PIXELS pixels of one column. They
+// all read the same light at the same time, and use it for all of their pixels. The group has SLICES patches, which
+// share out the lights. At the end the patches' sums are added, always in the same order.
 //
 // tiles   the first pixel (i, j) of each tile that meets the disc, ACROSS x (DOWN PIXELS) pixels
 // lights  light_count x 8 floats: direction w and 0, E and 0; with GREY 4 floats: w, E

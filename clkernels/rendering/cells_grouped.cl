@@ -5,7 +5,7 @@
 // Each work-item makes the CDFs of some of the cell's rows. One of them then adds up the rows in order, as cells.cl
 // does, since the last bits of float sums depend on the order.
 //
-// Arguments: cells.cl. One group of GROUP work-items per cell; the cells of a row of cells follow one another.
+// Arguments: cells.cl. One group of GROUP work-items per cell, from left to right, then from top to bottom.
 
 #include "common/prefix_sum.clh"
 #include "rendering/product.clh"

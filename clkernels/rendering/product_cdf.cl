@@ -2,7 +2,7 @@
 //
 //     g(cell) = flux(cell) C(tile, cell)        total = sum over cells of g(cell)
 //
-// flux, cell_cones   from cells.cl, cells.y x cells.x; C is product.clh's
+// flux, cell_cones   from cells.cl, cells.y x cells.x; for C see product.clh
 // tile_cones         (axis, reach) of the normals of every tile that meets the disc
 // total              one float per tile; zeroed by the host, and stays 0 for a tile outside the disc
 // tile_row_cdf       a tile's cells.y x cells.x integers (prefix_sum.clh), over the cells of one row

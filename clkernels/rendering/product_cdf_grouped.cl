@@ -2,10 +2,10 @@
 //
 //     g(cell) = flux(cell) C(tile, cell)        total = sum over cells of g(cell)
 //
-// Work-items share the tile's normals, then its cells, then its rows of cells, of which there are at most GROUP. The
-// sums whose last bits depend on the order are each one work-item's.
+// Work-items share out the tile's normals, then the cells, then the rows of cells, of which there are at most GROUP.
+// Each sum whose last bits depend on the order is left to a single work-item.
 //
-// Arguments: product_cdf.cl. One group of GROUP work-items per tile; the tiles of a row of tiles follow one another.
+// Arguments: product_cdf.cl. One group of GROUP work-items per tile, from left to right, then from top to bottom.
 
 #include "common/prefix_sum.clh"
 #include "common/normal.clh"

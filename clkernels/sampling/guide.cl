@@ -2,7 +2,7 @@
 //
 //     guide(b) bounds i(u) for all u of the bucket,    i(u) = the first i with cdf(i) > floor(u total / 2^32)
 //
-// Most buckets hold no step of the CDF, or only one, to the next entry: then a search takes a single comparison.
+// Most buckets hold at most one step of the CDF, to the next entry, and then a search takes a single comparison.
 // Source: Chen and Asau, On Generating Random Variates from an Empirical Distribution (1974); Devroye, Non-Uniform
 // Random Variate Generation (1986), III.2.4; a record splits its bucket as the alias method does.
 //

@@ -2,7 +2,7 @@
 //
 //     guide(b) bounds i(u) for all u of the bucket,    i(u) = the first i with cdf(i) > floor(u total / 2^32)
 //
-// guide.cl walks along the CDF; this kernel searches it, so that each bucket is a work-item's own.
+// guide.cl walks along the CDF; this kernel searches it, so that each bucket can have its own work-item.
 //
 // Arguments: guide.cl. One work-item per (bucket, CDF).
 

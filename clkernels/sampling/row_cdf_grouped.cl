@@ -3,9 +3,9 @@
 //     f(x, y) = max(0, scale (R + G + B) - offset)        row_sum(y) = sum over x of f(x, y)
 //     cdf(x, y) = prefix sum over x of f(x, y) as integers (prefix_sum.clh)
 //
-// row_cdf.cl sums a row in 16 lanes, each of which adds every 16th pixel. To round alike, 16 work-items here are those
-// lanes and sum a tile of the row from local memory, while the next tile is being read. The CDFs are integers, which
-// may be added in any order.
+// row_cdf.cl sums a row in 16 lanes, each of which adds every 16th pixel. For the same rounding, 16 work-items take the
+// part of one lane each, and sum a tile of the row from local memory while the next one is being read. The CDFs are
+// integers, which may be added in any order.
 //
 // Arguments: row_cdf.cl. One group of GROUP work-items per row.
 
