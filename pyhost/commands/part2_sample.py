@@ -111,7 +111,7 @@ def write_samples(args: Namespace, out: Path, image: ImageRows, device: Device) 
         names.append(f"samples_{len(samples)}.npz")
         samples.save(out / names[-1])
         print(f"wrote {out}/{names[-1]}")
-    # A checksum of its radiance would need all rows in order, and not every file has them so.
+    # A checksum of its radiance would need all rows in order, and not every file stores them so.
     of_map = {"width": image.width, "height": image.height, "file_sha256": settings.file_sum(args.map)}
     settings.write(out, settings.settings(device, None, vars(args)) | {"map": of_map}, names)
     # All counts are drawn in one go.

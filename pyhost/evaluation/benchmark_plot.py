@@ -216,7 +216,7 @@ def error_against_time_all(points: Sequence[MethodMeasurement], title: str) -> F
             x_exact = 1e3 * m.wall_seconds
             handles.append(axes.axvline(x_exact, color="black", linewidth=1, linestyle=dashes, label=label))
         for handle in handles:
-            handle.set_label(f"_{handle.get_label()}")  # in the figure's legend alone
+            handle.set_label(f"_{handle.get_label()}")  # only in the figure's legend
     names = [str(handle.get_label())[1:] for handle in handles]
     legend = {"fontsize": 8, "title": _read_outs(points), "title_fontproperties": READ_OUT}
     figure.legend(handles, names, loc="outside right upper", **legend)

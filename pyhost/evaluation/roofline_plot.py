@@ -35,7 +35,7 @@ def _styles(points: Sequence[StageMeasurement]) -> dict[str, dict[str, Any]]:
 def roofline(points: Sequence[StageMeasurement], limits: Limits, title: str) -> Figure:
     """Operations per second over operations per byte, log-log: large marks are the longest runs, small ones others.
 
-    Marks have the numbers of the legend, since names would cover other marks. A hollow mark is a stage that was counted
+    Marks carry the legend's numbers, since names would cover other marks. A hollow mark is a stage that was counted
     as brute force, so it may lie above the roof.
     """
     styles = _styles(points)

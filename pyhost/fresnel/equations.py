@@ -11,7 +11,7 @@ the amplitudes of Born and Wolf, Principles of Optics, 7th ed., section 1.5.2, a
     r_p = (n_t^2 c - n_i g) / (n_t^2 c + n_i g)              and parallel (p) to the plane of incidence
 
 and the reflectances are their squares. The numerators cancel where the reflectance is small: with indices
-1e-7 apart, no digit would be left. Multiplied through by the denominators, the amplitudes are
+1e-7 apart, no digit would be left. With numerators and denominators multiplied by the denominators, they are
 
     r_s = (n_i^2 - n_t^2) / (n_i c + g)^2
     r_p = (n_t^2 - n_i^2) (n_t c - n_i s) (n_t c + n_i s) / (n_t^2 c + n_i g)^2
@@ -207,8 +207,8 @@ class SchlickError:
 def schlick_error(n_i: float, n_t: float) -> SchlickError:
     """The largest absolute error of Schlick's approximation over all angles of incidence, 0 to 90 degrees.
 
-    It compares :func:`schlick` of the angle of incidence, with r0 from normal incidence, and
-    :func:`unpolarised`. The error is accurate to about 1e-15; the angle, as at any flat maximum, to about 1e-8.
+    The error is that of :func:`schlick` of the angle of incidence, with r0 from normal incidence, against
+    :func:`unpolarised`. It is accurate to about 1e-15; its angle, as at any flat maximum, to about 1e-8.
     Errors as in :func:`normal_reflectance`.
     """
     a, b = _pair(n_i, n_t)

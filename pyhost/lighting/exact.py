@@ -62,7 +62,7 @@ def exact(
     - ``areas``: a pixel of the map is an area of constant radiance, which the horizon may cut. The estimators ``bsdf``
       and ``mis`` converge to it, and the others with ``within="pixel"``. About three times the work.
 
-    They differ, in both directions, by a fraction of the image's maximum that falls as 1 / H, where H is the map's
+    The two differ, with both signs, by a fraction of the image's maximum that falls as 1 / H, where H is the map's
     height: by about 5 % under one lamp on 16 x 8 pixels. For an R x R image the time grows with R^2 H, or R^2 (H + W)
     for ``areas``, plus the map's pixels, rather than with R^2 times the map's pixels. A map that is already on the
     device, such as ``Distribution.map``, is not uploaded again. See :func:`shade` for the image. Raises

@@ -1,4 +1,4 @@
-"""Irradiance by spherical harmonics: smooth and analytic, without any samples, to compare with.
+"""Irradiance by spherical harmonics: a smooth, analytic image to compare with, which needs no samples.
 
 A map's radiance is projected onto the real orthonormal harmonics Y_lm; the clamped cosine, which is a zonal
 filter, scales each degree l by A_l. Nine coefficients (order 2) come within about 3 % of the exact image of

@@ -22,7 +22,7 @@ import numpy as np
 # Maps with fewer rows or columns get their pixels split: a column is then short enough for a polynomial, and what the
 # horizon cuts is little compared with the rest.
 LEAST_SHAPE = (64, 512)
-POLES = 4  # a piece's distance from the nearest pole of theta*, as a complex function, over the piece's greatest length
+POLES = 4  # a piece is at most 1 / POLES as long as its distance from the nearest pole of theta* in the complex plane
 
 
 def area_moments(height: int, width: int) -> np.ndarray:
@@ -120,7 +120,7 @@ def _pieces(
     sine, cosine = b / r, -c / r  # of theta*
     t = np.arctan2(b, -c) - low
     sine_t, cosine_t = np.sin(t), np.cos(t)
-    # The integral of sin(theta)^2 from `low` to theta*; then G in terms that do not cancel, and its derivatives by -u.
+    # The integral of sin(theta)^2 from `low` to theta*; then G in terms that do not cancel, and its derivatives in -u.
     sine_squared = (t - sine_t * (np.cos(low) * cosine - np.sin(low) * sine)) / 2
     g = r / 2 * (sine * sine_t**2 + cosine * (sine_t * cosine_t - t))
     g_1 = slope * sine_squared

@@ -5,7 +5,7 @@ such a light is the irradiance of a surface that faces it. That is the light's f
 steradian. A map's radiance has no absolute unit; where a program expects lux, one unit of radiance is taken as one
 cd/m^2.
 
-- csv, json: +y is up, and directions point towards the lights; float64's range
+- csv, json: +y is up, and directions point towards the lights; fluxes may have float64's range
 - pbrt: ``LightSource "distant"``, for PBRT-v3 and PBRT-v4; +y is up
 - mitsuba: ``<emitter type="directional">``; +y is up, and directions point away from the lights
 - gltf: ``KHR_lights_punctual``; +y is up, and a light shines along the -z of its node

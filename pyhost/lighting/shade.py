@@ -59,7 +59,7 @@ def shade(
     A pixel is albedo / pi times the sum of flux max(0, n . direction); outside the disc it is 0. Values above float32's
     largest number become that number.
     Raises :class:`LightdomeError` for a resolution outside 1 to 16384, an albedo that is negative or not finite,
-    directions that are not unit vectors, fluxes that are negative or not finite, and a flux given beside lights.
+    directions that are not unit vectors, fluxes that are negative or not finite, and a flux given as well as lights.
     """
     checks.instance("the device", device, Device)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)

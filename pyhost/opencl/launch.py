@@ -97,7 +97,7 @@ def launch_rows(
 
 
 def _check(name: str, size: tuple[int, ...], group: int | None, step: int | None) -> None:
-    """Refuse sizes that would run no work-items, or not those requested."""
+    """Refuse sizes for which no work-items would run, or not the requested ones."""
     if min(size, default=0) < 1:
         raise ValueError(f"the kernel {name} needs a size of at least one work-item, got {size}")
     if step is not None and step < 1:

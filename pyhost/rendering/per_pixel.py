@@ -11,9 +11,8 @@ There are four estimators, all unbiased. One sample per pixel means:
 The error of N independent points falls as 1 / sqrt(N), that of Sobol points and lattices faster. ``light`` and
 ``product`` see the centres of the map's pixels, as the samples of part 2 do, and converge to :func:`lightdome.exact`.
 ``bsdf`` and ``mis`` see pixels as areas of constant radiance, and converge to ``exact(..., pixels="areas")``; so do the
-other two with ``within="pixel"``. The two images differ most at the edge of the shadow that a single bright pixel
-leaves. The difference has both signs, and is a fraction of the image's maximum that falls as 1 / H, where H is the
-map's height.
+other two with ``within="pixel"``. The two images differ most where the light of a single bright pixel ends. The
+difference has both signs, and is a fraction of the image's maximum that falls as 1 / H, where H is the map's height.
 
 Kernels: ``render_light.cl``, ``render_light_areas.cl``, ``render_bsdf.cl``, ``render_mis.cl``, ``render_product.cl``,
 ``render_product_areas.cl``. Source: Veach, thesis (1997), chapter 9; Pharr, Jakob, Humphreys, Physically Based

@@ -35,9 +35,9 @@ class DeviceMap:
 
     @classmethod
     def of(cls, device: Device, envmap: EnvironmentMap | DeviceMap) -> DeviceMap:
-        """The whole map on ``device``; one that is there already is returned as it is.
+        """The whole map on ``device``; a map that is already there is returned as it is.
 
-        Raises :class:`LightdomeError` if one argument is of another type.
+        Raises :class:`LightdomeError` if an argument is of another type.
         """
         checks.instance("the device", device, Device)
         if isinstance(envmap, DeviceMap) and envmap.device is device:

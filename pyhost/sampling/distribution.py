@@ -103,8 +103,8 @@ class Distribution:
     def pdf(self, directions: np.ndarray) -> np.ndarray:
         """The density per steradian at ``directions``, unit vectors (N, 3): (N,) float64.
 
-        This is the density of samples with ``within="pixel"``: p(x, y) / solid angle, of the pixel that the direction
-        lies in, which is I / Phi. Over the sphere it integrates to 1.
+        Samples with ``within="pixel"`` have this density: p(x, y) / solid angle of the pixel in which the direction
+        lies. That is I / Phi, and integrates to 1 over the sphere.
         Raises :class:`LightdomeError` if the map is black, or for directions that are not unit vectors.
         """
         w_x, w_y, w_z = checks.unit_vectors("directions", directions, np.float64).T

@@ -40,7 +40,7 @@ PIXEL_OUTPUTS = ("pixel", "probability")  # the outputs of sample_pixels.cl
 class Points:
     """``count`` points in the unit square, from which samples are made.
 
-    Kernels compute them by ``sequence`` and ``key``, a Philox key (:func:`sequence_points`), or read the ``given``
+    Kernels compute them from ``sequence`` and ``key``, a Philox key (:func:`sequence_points`), or read the ``given``
     ones, (count, 2) uint64 fractions of 2^64 (:func:`given_points`).
     """
 

@@ -22,7 +22,9 @@ from ..names import SEQUENCES as SEQUENCES
 from ..names import WITHIN
 
 MAX_SAMPLES = 2**27  # the most that a file may hold; 44 bytes each
-MAX_INFLATION = 64  # of a file's arrays: `save` does not compress, and compressed samples stay far below, unlike a bomb
+# Arrays may be this many times the size of their file: `save` does not compress, and compressed samples stay far below
+# it, but a zip bomb does not.
+MAX_INFLATION = 64
 MAX_SIDE = 2**20  # of a map
 PER_SAMPLE = ("direction", "radiance", "probability", "pixel")  # arrays of samples
 
@@ -122,7 +124,7 @@ class Samples:
     def density(self) -> np.ndarray:
         """The density per solid angle, p(x, y) / solid angle of the pixel: (N,) float64, 1 / steradian.
 
-        Directions anywhere in a pixel have it exactly; those of centres stand for their pixels' solid angles.
+        Directions anywhere in a pixel have exactly this density; one at a centre stands for its pixel's solid angle.
         """
         return self.probability.astype(np.float64) / solid_angles(*self.map_shape)[self.pixel[:, 1]]
 
