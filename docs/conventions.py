@@ -20,7 +20,7 @@ SKY, GROUND = (0.82, 0.9, 0.97), (0.88, 0.84, 0.78)
 
 
 def labelled_map() -> EnvironmentMap:
-    """Sky and ground, with a patch of another colour round each of lightdome's axes."""
+    """Sky and ground, with a patch of a different colour around each of lightdome's axes."""
     towards = directions(row_angles(HEIGHT)[:, None], column_angles(2 * HEIGHT))
     radiance = np.where(towards[..., 1:2] > 0, SKY, GROUND)
     for axis, colour in zip(AXES, COLOURS, strict=True):
@@ -29,16 +29,16 @@ def labelled_map() -> EnvironmentMap:
 
 
 def axis_name(axis: np.ndarray) -> str:
-    """As +x."""
+    """The name of an axis, such as +x."""
     nth = int(np.abs(axis).argmax())
     return ("+" if axis[nth] > 0 else "−") + "xyz"[nth]
 
 
 def show(axes: object, envmap: EnvironmentMap, labels: dict[str, np.ndarray], title: str) -> None:
-    """Draw a map and a label at each place (u, v)."""
+    """Draw a map, with a label at each position (u, v)."""
     axes.imshow(envmap.radiance, extent=(0, 1, 1, 0), aspect=0.5, interpolation="nearest")
     for label, (u, v) in labels.items():
-        u = 0.5 if min(v, 1 - v) < 1e-6 else u  # a pole is everywhere
+        u = 0.5 if min(v, 1 - v) < 1e-6 else u  # at a pole, any u will do
         places = {0.0: "left", 1.0: "right"} if min(u, 1 - u) < 0.02 else {u: "center"}
         for place, across in places.items():
             axes.text(place, np.clip(v, 0.05, 0.95), label, ha=across, va="center", fontsize=9, weight="bold")
@@ -49,7 +49,7 @@ def show(axes: object, envmap: EnvironmentMap, labels: dict[str, np.ndarray], ti
 
 @plain()
 def conventions() -> Figure:
-    """The labelled map as each program wants it; labels are the program's own axes."""
+    """The labelled map as each program expects it, labelled with the program's own axes."""
     figure = Figure(figsize=(9.6, 4), layout="constrained")
     for panel, name in zip(figure.subplots(2, 3).flat, PRESETS, strict=True):
         own = to_axes(AXES, name)
@@ -61,7 +61,7 @@ def conventions() -> Figure:
 
 @plain()
 def rotations() -> Figure:
-    """The labelled map, and after 30 degrees about each axis."""
+    """The labelled map, and the map turned by 30 degrees about each axis."""
     figure = Figure(figsize=(7, 4), layout="constrained")
     turns = {
         "as it is": (0,),

@@ -1,6 +1,6 @@
-"""What the pages need to become a site, beyond Markdown: formulas, pages from the clone's top folder, references.
+"""What the site adds to Markdown: formulas, pages from the clone's top folder, and links in docstrings.
 
-MkDocs calls these functions (``mkdocs.yml``). On GitHub the same pages need none of them.
+MkDocs calls these functions (``mkdocs.yml``). GitHub shows the same pages without them.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
-# In the clone, on the site.
+# File in the clone: page of the site.
 TOP = {
     "CONTRIBUTING.md": "contributing.md",
     "CHANGELOG.md": "changelog.md",
     "SECURITY.md": "security.md",
     "data/README.md": "maps.md",
 }
-SIZE, EM = 10, 9  # of a letter, and what stands for 1 em of the text, whose letters are wider
+SIZE, EM = 10, 9  # size of a letter, and the size that equals 1 em of the text, whose letters are wider
 LETTERS = {Outline.MOVETO: "M", Outline.LINETO: "L", Outline.CURVE3: "Q", Outline.CURVE4: "C", Outline.CLOSEPOLY: "Z"}
-CODE = r"^ *```(?!math).*?^ *```$|`[^`\n]+`"  # left as it is
+CODE = r"^ *```(?!math).*?^ *```$|`[^`\n]+`"  # left unchanged
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -38,7 +38,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(text: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Lead links between both folders to the site's pages, and draw formulas."""
+    """Point links between the two folders to the site's pages, and draw formulas."""
     for there, here in TOP.items():
         text = re.sub(rf"\]\((?:\.\./)?{there}", f"]({here}", text)
     if page.file.src_uri in TOP.values():
@@ -47,7 +47,7 @@ def on_page_markdown(text: str, page: Page, config: MkDocsConfig, files: Files) 
 
 
 def shown(found: re.Match[str]) -> str:
-    """The picture of a formula; brackets as text, since no link here is by reference; code as it is."""
+    """Draw a formula; make brackets text, because no link is by reference; leave code unchanged."""
     display, inline = found.groups()
     if display:
         return f'<div class="formula">{picture(" ".join(display.split()), displayed=True)}</div>'
@@ -57,10 +57,10 @@ def shown(found: re.Match[str]) -> str:
 
 
 def picture(tex: str, displayed: bool) -> str:
-    """A formula as SVG that stands on the line of the text and has its colour."""
+    """A formula as SVG, on the baseline of the text and in its colour."""
     math = tex.replace(r"\bmod", r"\;\mathrm{mod}\;").replace(r"\frac", r"\dfrac" if displayed else r"\frac")
-    math = re.sub(r"(\\(?:int|sum)(?:[_^](?:\{[^{}]*\}|\w))*)", r"\1\,", math)  # matplotlib leaves no space there,
-    math = re.sub(r"(?<=[\w})])\s*(\\(?:sin|cos|tan|cot|max|min|arccos)\b)", r"\,\1", math)  # nor there
+    math = re.sub(r"(\\(?:int|sum)(?:[_^](?:\{[^{}]*\}|\w))*)", r"\1\,", math)  # matplotlib leaves no space here,
+    math = re.sub(r"(?<=[\w})])\s*(\\(?:sin|cos|tan|cot|max|min|arccos)\b)", r"\,\1", math)  # nor here
     with matplotlib.rc_context({"mathtext.fontset": "stix"}):
         font = FontProperties(size=SIZE)
         width, height, depth, *_ = MathTextParser("path").parse(f"${math}$", 72, font)
@@ -80,7 +80,7 @@ def picture(tex: str, displayed: bool) -> str:
 
 
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Make references in docstrings links where the page has what they name."""
+    """Turn references in docstrings into links, if the page has what they name."""
 
     def reference(found: re.Match[str]) -> str:
         name = found[1]

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Build the tutorial's programs as notebooks, run them and keep their output: docs/notebooks.py [FOLDER].
 
-The default is docs/notebooks. A paragraph of a program is a cell, and its comment is the text above. A picture that the
-program writes is shown.
+The default is docs/notebooks. Each paragraph of a program becomes a cell, and its comment the text above. Pictures that
+the program writes are shown.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ LESSONS = sorted((HERE / "tutorial").glob("*.py"))
 
 
 def notebook(lesson: Path) -> nbformat.NotebookNode:
-    """The notebook of a program, not run."""
+    """The notebook of a program, before it has run."""
     title, body = re.fullmatch(r'#!.*?\n"""(.*?) Usage: .*?"""\n+(.*)', lesson.read_text("utf-8"), re.DOTALL).groups()
     body = re.sub(r"import sys\n", "", body)
     body = re.sub(
         r"try:\n(.*?)except ImportError:\n.*?\n", lambda found: textwrap.dedent(found[1]), body, flags=re.DOTALL
     )
-    body = re.sub(r"path = .*", "path = lightdome.default_map()  # or a file of yours", body)
+    body = re.sub(r"path = .*", "path = lightdome.default_map()  # or your own file", body)
     body = re.sub(
         r'(lightdome\.write_image\(out / "\w+\.png", picture\)(?:\n\w.*)*)', r"\1\nlightdome.show(picture)", body
     )
@@ -44,7 +44,7 @@ def notebook(lesson: Path) -> nbformat.NotebookNode:
 
 
 def run(made: nbformat.NotebookNode, folder: Path) -> None:
-    """Run a notebook in a folder; it then has its output."""
+    """Run a notebook in a folder, and keep its output in the notebook."""
     metadata = made.metadata
     NotebookClient(
         made,
@@ -54,7 +54,7 @@ def run(made: nbformat.NotebookNode, folder: Path) -> None:
         resources={"metadata": {"path": str(folder)}},
     ).execute()
     for cell in made.cells:
-        if cell.cell_type == "code":  # without how far long work was
+        if cell.cell_type == "code":  # without progress messages
             cell.outputs = [output for output in cell.outputs if output.get("name") != "stderr"]
     made.metadata = {"kernelspec": metadata["kernelspec"]}  # without the version of Python
 

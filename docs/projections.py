@@ -17,7 +17,7 @@ AXES = np.array([[1, 0, 0], [0, 0, 1], [-1, 0, 0], [0, 0, -1], [0, 1, 0], [0, -1
 LABELS = ["+x", "+z", "−x", "−z", "+y", "−y"]
 COLOURS = [(0.84, 0.37, 0), (0, 0.45, 0.7), (0.8, 0.47, 0.65), (0, 0.62, 0.45), (0.94, 0.89, 0.26), (0.62, 0.62, 0.62)]
 SKY, GROUND = (0.82, 0.9, 0.97), (0.88, 0.84, 0.78)
-# Where each lies in a grid of 4 x 12: rows and columns.
+# The position of each in a grid of 5 x 12: rows and columns.
 PLACES = {
     "latlong": ((0, 2), (0, 4)),
     "angular": ((0, 2), (4, 7)),
@@ -32,7 +32,7 @@ PLACES = {
 
 @plain()
 def projections() -> Figure:
-    """Sky and ground, with a patch of another colour round each axis, in every projection."""
+    """Sky and ground, with a patch of a different colour around each axis, in every projection."""
     towards = directions(row_angles(HEIGHT)[:, None], column_angles(2 * HEIGHT))
     radiance = np.where(towards[..., 1:2] > 0, SKY, GROUND)
     for axis, colour in zip(AXES, COLOURS, strict=True):
@@ -45,7 +45,7 @@ def projections() -> Figure:
         shape = image.shape[:2]
         panel = figure.add_subplot(grid[slice(*rows), slice(*columns)])
         panel.imshow(np.where(projection.used(shape)[..., None], image, 1), interpolation="nearest")
-        inward = AXES + 1e-3 * np.array([0.3, 0.4, 0.5])  # of +z and -y a place that is inside of the image
+        inward = AXES + 1e-3 * np.array([0.3, 0.4, 0.5])  # so that +z and -y are inside the image
         inward /= np.linalg.norm(inward, axis=1)[:, None]
         for label, *place in zip(LABELS, *projection.positions(inward, shape), strict=True):
             x, y = np.clip(place, 0.05 * np.array(shape[::-1]), 0.95 * np.array(shape[::-1]))

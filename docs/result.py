@@ -18,7 +18,7 @@ SIZE = 239
 
 @plain()
 def picture() -> Figure:
-    """The map with samples on it, over spheres of shared samples, of samples per pixel, and the exact one."""
+    """The map with its samples; below it, spheres with shared samples and with samples per pixel, and the exact one."""
     device = lightdome.open_device()
     envmap = lightdome.EnvironmentMap.read(Path(__file__).parents[1] / "data" / "default.exr")
     distribution = lightdome.build_distribution(device, envmap)

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""The exercise: fill in the four functions that raise NotImplementedError, and run it. Usage: starter.py [MAP] [OUT]
+"""The exercise: write the four functions that raise NotImplementedError, and run it. Usage: starter.py [MAP] [OUT]
 
-Reading and writing is done. docs/teaching/README.md has the exercise's text, and what to hand in. Angles are in
-radians; a map is (H, W, 3), linear radiance, row 0 at the top; images are (R, R, 3), row 0 at the top.
+The code that reads and writes files is already here. docs/teaching/README.md describes the exercise and what to hand
+in. Angles are in radians. A map is linear radiance (H, W, 3), and an image is (R, R, 3); row 0 is at the top in both.
 """
 
 from __future__ import annotations
@@ -14,31 +14,31 @@ from pathlib import Path
 import numpy as np
 
 try:
-    import lightdome  # it reads and writes files here, nothing else
+    import lightdome  # only to read and write files
 except ImportError:
     sys.exit("lightdome is not installed for this Python; run scripts/demo, then this with .venv/bin/python")
 
 RESOLUTION = 255  # pixels
-COUNTS = (64, 256, 1024)  # of samples that all pixels share
+COUNTS = (64, 256, 1024)  # numbers of samples that all pixels share
 SPP = (8, 16)  # samples per pixel
 SEED = 1
 
 
-# ---- Yours ----
+# ---- Write these functions ----
 
 
 def fresnel(angle: np.ndarray, eta_from: float, eta_to: float) -> tuple[np.ndarray, np.ndarray]:
     """Part 1: the reflectance of a dielectric at angles of incidence (N,), for p- and s-polarised light, (N,) each.
 
-    The light comes from a medium with the index of refraction ``eta_from``; that behind the surface has ``eta_to``.
+    Light comes from a medium with the index of refraction ``eta_from``; the medium behind the surface has ``eta_to``.
     """
     raise NotImplementedError
 
 
 def sample(radiance: np.ndarray, count: int, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Part 2: draw pixels of the map by their light: (N, 2) whole numbers x, y, and (N,) their probabilities p(x, y).
+    """Part 2: draw pixels of the map by their light: integers (N, 2), x and y, and their probabilities p(x, y), (N,).
 
-    p(x, y) is proportional to I sin(theta), I = (R + G + B) / 3: a CDF over rows picks y, the CDF of that row picks x.
+    p(x, y) is proportional to I sin(theta) with I = (R + G + B) / 3. A CDF over rows picks y, the CDF of that row x.
     """
     raise NotImplementedError
 
@@ -53,7 +53,7 @@ def render(radiance: np.ndarray, spp: int, resolution: int, random: np.random.Ge
     raise NotImplementedError
 
 
-# ---- Done ----
+# ---- Already written ----
 
 
 def write_fresnel(out: Path) -> None:

@@ -13,30 +13,30 @@ path = Path(sys.argv[1]) if len(sys.argv) > 1 else lightdome.default_map()
 out = Path("out/tutorial")
 out.mkdir(parents=True, exist_ok=True)
 
-# A map is radiance by direction: (H, W, 3), row 0 is straight up.
+# A map is radiance by direction: an array (H, W, 3) whose row 0 is straight up.
 envmap = lightdome.EnvironmentMap.read(path)
 print(f"{path.name}: {envmap.width} x {envmap.height}, brightest value {envmap.peak:g}")
 
-# Its distribution lives on a device. The flux is the integral of (R + G + B) / 3 over all directions.
+# The distribution is built on a device. The flux is the integral of (R + G + B) / 3 over all directions.
 device = lightdome.open_device()
 distribution = lightdome.build_distribution(device, envmap)
 print(f"{device.description}\nflux {distribution.flux:.4f}")
 
-# Samples are arrays of numpy's. A pixel is drawn as often as light comes from it.
+# Samples are numpy arrays. Pixels are drawn in proportion to their light.
 samples = distribution.sample(1024, seed=1)
 x, y = samples.pixel[0]
 print(f"first sample: pixel ({x}, {y}), direction {samples.direction[0]}, radiance {samples.radiance[0]}")
 print(f"  drawn with probability {samples.probability[0]:.3g}, density {samples.density[0]:.3g} per steradian")
 
-# Where 64 of them lie on the map, of which every fourth pixel is shown: most are in windows and lamps.
+# Mark 64 of them on the map, of which every fourth pixel is shown. Most are in windows and lamps.
 picture = lightdome.show(envmap.radiance[::4, ::4], samples[:64].pixel // 4).pixels
 lightdome.write_image(out / "samples.png", picture)
 
-# Each stands for a share of the light, and together they are all of it: since they are drawn by (R + G + B) / 3,
-# every one has the same share of that. It is only where they come from that is random.
+# Each sample carries a share of the light, and together they carry all of it. Because pixels are drawn by
+# (R + G + B) / 3, all shares of that sum are equal, and only the directions are random.
 print(f"flux of the samples: {samples.flux.mean(axis=1).sum():.4f}")
 
-# The same samples light every pixel of the sphere. Linear radiance goes into a .pfm, a picture for the eye into a .png.
+# The same samples light every pixel of the sphere. The .pfm holds linear radiance; the .png is for viewing.
 image = lightdome.shade_samples(device, samples, resolution=255)
 lightdome.write_image(out / "sphere.pfm", image)
 picture = lightdome.tone_map(image, lightdome.auto_exposure(image))

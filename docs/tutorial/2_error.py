@@ -21,10 +21,10 @@ device = lightdome.open_device()
 envmap = lightdome.EnvironmentMap.read(path)
 distribution = lightdome.build_distribution(device, envmap)
 
-# The image that every estimator converges to: all pixels of the map, each once.
+# The image to which every estimator converges: a sum over all pixels of the map.
 truth = lightdome.exact(device, envmap, SIZE)
 
-# One set of samples for all pixels. Independent points halve the error with four times as many, the others do better.
+# One set of samples for all pixels. Four times as many independent points halve the error; the others do better.
 print("relative RMSE in %, mean of 8 seeds")
 print("one set for all pixels      64     256    1024")
 for sequence in ("independent", "stratified", "sobol", "r2", "lattice"):
@@ -35,13 +35,13 @@ for sequence in ("independent", "stratified", "sobol", "r2", "lattice"):
         row.append(100 * np.mean(errors))
     print(f"  {sequence:<18}" + "".join(f"{error:8.2f}" for error in row))
 
-# Fresh samples for every pixel: more error and more time for as many samples, but what is left is noise.
+# Fresh samples for every pixel. For the same number, the error and the time are larger, but the error is noise.
 print("fresh for every pixel        8      32")
 for estimator in ("light", "bsdf", "mis", "product"):
     images = dict(render(distribution, [8, 32], SIZE, estimator=estimator))
     print(f"  {estimator:<18}" + "".join(f"{100 * relative_rmse(image, truth):8.2f}" for image in images.values()))
 
-# Bias beside noise, and the truth: the same exposure, next to each other.
+# Bias, noise and the truth side by side, at the same exposure.
 shared = lightdome.shade_samples(device, distribution.sample(64), SIZE)
 ((_, fresh),) = render(distribution, [64], SIZE)
 exposure = lightdome.auto_exposure(truth)

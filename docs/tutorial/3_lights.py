@@ -21,7 +21,8 @@ envmap = lightdome.EnvironmentMap.read(path)
 distribution = lightdome.build_distribution(device, envmap)
 truth = lightdome.exact(device, envmap, SIZE)
 
-# Median cut: rectangles of equal energy, each one light. No chance, so no noise, and any number will do.
+# Median cut divides the map into rectangles of equal energy, and makes each one a light. Nothing is random, so there
+# is no noise. Any number of lights is possible.
 spheres = [truth]
 for count in (4, 16, 64, 100):
     lights = lightdome.median_cut(distribution, count)
@@ -29,18 +30,18 @@ for count in (4, 16, 64, 100):
     spheres.append(image)
     print(f"{count:>4} lights: {100 * relative_rmse(image, truth):6.2f} % from the exact image")
 
-# The exact image, and those of 4 and 16 lights.
+# The exact image, and the images of 4 and 16 lights.
 exposure = lightdome.auto_exposure(truth)
 picture = np.concatenate([lightdome.tone_map(image, exposure) for image in spheres[:3]], axis=1)
 lightdome.write_image(out / "lights.png", picture)
 
-# One light per line: the direction towards it, and its flux, which is the irradiance of a surface that faces it.
+# The file has one light per line: the direction towards it and its flux, the irradiance of a surface that faces it.
 lightdome.write_csv(out / "lights.csv", lights)
 lightdome.write_pbrt(out / "lights.pbrt", lights)
 print((out / "lights.csv").read_text().partition("\n")[0])
 print(f"wrote {out}/lights.png, and {len(lights)} lights into lights.csv and lights.pbrt")
 
-# Or no lights at all: nine numbers per channel, for a shader.
+# A shader needs no lights at all: nine numbers per channel are enough.
 harmonics = lightdome.project(device, envmap, order=2)
 image = lightdome.shade_harmonics(device, harmonics, SIZE)
 print(f"9 harmonics: {100 * relative_rmse(image, truth):6.2f} %")
