@@ -122,7 +122,7 @@ def averaging(
     exact: np.ndarray,
     exact_per_pixel: np.ndarray | None = None,
 ) -> Figure:
-    """Log-log: the error left when images are averaged over squares, against the squares' side. Noise falls, bias stays.
+    """Log-log: the error left when images are averaged over squares, by side of the squares. Noise falls, bias stays.
 
     ``exact_per_pixel`` is the exact image for ``per_pixel``, if it is not ``exact``.
     """
