@@ -54,7 +54,7 @@ def shade(
 
     - ``direction``: (N, 3) unit vectors towards the lights; or lights, which have both directions and fluxes
     - ``flux``: (N, 3) radiance x steradian, of each light; left out if ``direction`` is lights
-    - ``brute_force``: evaluate every pair of pixel and light, for comparison; the image is the same
+    - ``brute_force``: evaluate every pair of pixel and light, for comparison; the image is the same up to rounding
 
     A pixel is albedo / pi times the sum of flux max(0, n . direction); outside the disc it is 0. Values above float32's
     largest number become that number.

@@ -114,7 +114,7 @@ def open_device(choice: str | None = None) -> Device:
     one that has already looked for devices.
     """
     if not (choice is None or isinstance(choice, str)):
-        raise LightdomeError(f"a device must be a text such as '0:0' or 'pocl', got {told(choice)}")
+        raise LightdomeError(f"a device must be a string such as '0:0' or 'pocl', got {told(choice)}")
     ensure_room()
     asked = choice or os.environ.get("PYOPENCL_CTX")
     candidates = _candidates()

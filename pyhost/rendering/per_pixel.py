@@ -11,7 +11,7 @@ There are four estimators, all unbiased. One sample per pixel means:
 The error of N independent points falls as 1 / sqrt(N), that of Sobol points and lattices faster. ``light`` and
 ``product`` see the centres of the map's pixels, as the samples of part 2 do, and converge to :func:`lightdome.exact`.
 ``bsdf`` and ``mis`` see pixels as areas of constant radiance, and converge to ``exact(..., pixels="areas")``; so do the
-other two with ``within="pixel"``. The two images differ most where the light of a single bright pixel ends. The
+other two with ``within="pixel"``. The two images differ most at the edge of what a single bright pixel lights. The
 difference has both signs, and is a fraction of the image's maximum that falls as 1 / H, where H is the map's height.
 
 Kernels: ``render_light.cl``, ``render_light_areas.cl``, ``render_bsdf.cl``, ``render_mis.cl``, ``render_product.cl``,
@@ -111,7 +111,7 @@ def _images(
         yield from _black(spp, resolution)
         return
 
-    device.decisions.skip("code of other estimators and sequences", f"{estimator} and {sequence} are built alone")
+    device.decisions.skip("code of other estimators and sequences", f"only {estimator} and {sequence} are built")
     # Allocated first, as the largest: if the device has no room for it, this fails at once.
     total = memory.zeros(device, (2, resolution, resolution, 3), np.float32)
     disc = disc_tiles(resolution, 1, 1)
