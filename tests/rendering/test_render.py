@@ -385,8 +385,8 @@ def test_unknown_names_are_refused(distribution: Distribution, options: dict[str
 
 @pytest.mark.parametrize("sequence", SEQUENCES)
 def test_the_two_samples_of_mis_are_independent(device: Device, sequence: str) -> None:
-    # Two lamps are red, and only the light's samples draw them. The rest is blue, and so dim that only the cosine's
-    # samples see it.
+    # Two lamps, which the light's samples draw, are red. The rest is blue, and so dim that only the cosine's samples
+    # see it.
     radiance = np.zeros((16, 32, 3), np.float32)
     radiance[:8, :, 2] = 1e-3
     radiance[7, 4] = radiance[9, 25] = 1e3, 0, 0  # on the camera's side and behind the sphere
