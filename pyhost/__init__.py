@@ -13,8 +13,8 @@ Data flows one way, and the folders follow it: :mod:`lightdome.maps` reads a map
 into a distribution and draws samples; :mod:`lightdome.lighting` lights a sphere with the samples or with the whole map;
 :mod:`lightdome.rendering` renders the same sphere with fresh samples for every pixel. :mod:`lightdome.pbrt` has PBRT
 render it; :mod:`lightdome.fresnel` stands alone; :mod:`lightdome.evaluation` measures the error of each method;
-:mod:`lightdome.checking` tells whether another program's results are right; :mod:`lightdome.reference` holds the
-references that everything is checked against.
+:mod:`lightdome.checking` tells whether another program's results are right; :mod:`lightdome.viewer` shows all of it in
+a browser; :mod:`lightdome.reference` holds the references that everything is checked against.
 """
 
 from __future__ import annotations
@@ -50,6 +50,7 @@ if TYPE_CHECKING:
         reference,
         rendering,
         sampling,
+        viewer,
     )
     from .checking.fresnel import check_fresnel
     from .checking.image import check_image
@@ -71,6 +72,7 @@ if TYPE_CHECKING:
     from .sampling.distribution import Distribution, build_distribution
     from .sampling.samples import Samples
     from .sampling.streaming import sample_file
+    from .viewer.notebook import view
 
 # Loaded on first use, like every module: Fresnel needs no OpenCL, and shading needs no image library.
 _HOME = {
@@ -105,6 +107,7 @@ _HOME = {
     "exact": "lighting.exact",
     "shade": "lighting.shade",
     "shade_samples": "lighting.shade",
+    "view": "viewer.notebook",
 }
 
 __all__ = [
@@ -136,6 +139,7 @@ __all__ = [
     "shade_samples",
     "show",
     "tone_map",
+    "view",
     "write_csv",
     "write_image",
     "write_lights",

@@ -27,7 +27,8 @@ MAY_IMPORT = {
     "evaluation": BASE | {"fresnel", "pbrt", "sampling", "lighting", "rendering", "evaluation"},
 }
 MAY_IMPORT["checking"] = MAY_IMPORT["evaluation"] | {"checking"}
-MAY_IMPORT["commands"] = MAY_IMPORT["checking"] | {"commands"}
+MAY_IMPORT["viewer"] = MAY_IMPORT["checking"] | {"viewer"}
+MAY_IMPORT["commands"] = MAY_IMPORT["viewer"] | {"commands"}
 FOLDERS = {path.parent.name for path in HOST.glob("*/__init__.py")}
 # `python -m lightdome` and `python -m lightdome.probe` are commands; the package's names are for users.
 OUTSIDE = {HOST / "__init__.py", HOST / "__main__.py", HOST / "probe.py"}

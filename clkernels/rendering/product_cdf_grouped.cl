@@ -23,6 +23,7 @@ kernel void product_cdf_grouped(global const float *restrict flux,
                                 global uint *restrict tile_marginal_cdf)
 {
     local float3 shared_axis;
+    local float shared_reach;
     local float values[GROUP];
     const uint i = get_local_id(0), count = (resolution + tile_size - 1) / tile_size;
     const size_t index = get_global_id(0) / GROUP;
@@ -51,13 +52,14 @@ kernel void product_cdf_grouped(global const float *restrict flux,
     }
     values[i] = reach;
     barrier(CLK_LOCAL_MEM_FENCE);
-    reach = 0.0f;
-    for (uint k = 0; k < GROUP; ++k)
-        reach = fmax(reach, values[k]);
+    if (i == 0) {
+        for (uint k = 1; k < GROUP; ++k)
+            reach = fmax(reach, values[k]);
+        shared_reach = reach + 1e-6f;
+        tile_cones[index] = (float4)(axis, shared_reach);
+    }
     barrier(CLK_LOCAL_MEM_FENCE);
-    reach += 1e-6f;
-    if (i == 0)
-        tile_cones[index] = (float4)(axis, reach);
+    reach = shared_reach;
 
     for (uint cell = i; cell < cells.x * cells.y; cell += GROUP) {
         const float4 cell_cone = cell_cones[cell];

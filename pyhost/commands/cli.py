@@ -334,10 +334,31 @@ def image_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def display_option(parser: argparse.ArgumentParser) -> None:
+    """Add ``--display``, for :func:`write_images`."""
+    parser.add_argument(
+        "--display",
+        type=_display,
+        metavar="HOST:PORT",
+        help="send the images, radiance, also to the viewer tev, which listens at 127.0.0.1:14158",
+    )
+
+
+def _display(text: str) -> tuple[str, int]:
+    """Argument type: a host and a port, where there is something to speak to tev."""
+    from ..viewer.display import check_display
+
+    check_display()
+    host, _, port = text.rpartition(":")
+    if not host:
+        raise argparse.ArgumentTypeError(f"{text!r} is not HOST:PORT")
+    return host.strip("[]"), int(_number(int, port, lambda v: 1 <= v <= 65535, "a port from 1 to 65535"))
+
+
 def write_images(args: argparse.Namespace, path: Path, pixels: np.ndarray) -> list[str]:
     """Write ``pixels`` in those formats of ``--format`` that hold them, radiance or 8-bit; returns the file names.
 
-    ``path`` has no suffix.
+    ``path`` has no suffix. Radiance is also sent to the ``--display``, if the command has one.
     """
     from ..maps.images import write_image
 
@@ -345,6 +366,11 @@ def write_images(args: argparse.Namespace, path: Path, pixels: np.ndarray) -> li
     names = [f"{path.name}.{name}" for name in formats if name in args.format]
     for name in names:
         write_image(path.with_name(name), pixels)
+    if formats is LINEAR and getattr(args, "display", None):
+        from ..viewer.display import display
+
+        host, port = args.display
+        display(host, port, path.name, pixels)
     return names
 
 

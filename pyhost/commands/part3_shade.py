@@ -40,6 +40,7 @@ def main() -> None:
     )
     cli.sphere_options(parser)
     cli.image_options(parser)
+    cli.display_option(parser)
     cli.device_option(parser)
     cli.explain_option(parser)
     args = parser.parse_args()

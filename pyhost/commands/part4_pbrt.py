@@ -63,6 +63,7 @@ def parse_arguments() -> argparse.Namespace:
     )
     cli.sphere_options(parser)
     cli.image_options(parser)
+    cli.display_option(parser)
     cli.device_option(parser)
     cli.explain_option(parser)
     args = parser.parse_args()
