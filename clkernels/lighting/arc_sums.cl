@@ -1,9 +1,9 @@
-// Prefix sums of w L^T along the rows of an environment map: what an arc of a row sends is then one difference.
+// Prefix sums of w L^T along the rows of an environment map, so that the light from an arc of a row is one difference.
 //
 //     arc(k) = sum over columns x < k of w (R, G, B) row_weight(y)      k = -half .. width,  half = (width + 1) / 2
 //
-// Columns below 0 are those at the end of the row, so an arc of at most one turn about any 0 <= phi <= pi needs no
-// wrapping. Sums are double words, so that a sun in the row does not cost other arcs their digits.
+// Columns below 0 repeat those at the end of the row, so an arc of at most one turn about any 0 <= phi <= pi needs no
+// wrapping. Sums are double words, so that a sun in the row costs other arcs no precision.
 //
 // radiance    height x width x 3 floats, finite and >= 0
 // theta, phi  (sin, cos) of every row and of every column

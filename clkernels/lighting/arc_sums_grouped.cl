@@ -1,10 +1,12 @@
-// Prefix sums of w L^T along the rows of an environment map, as arc_sums.cl makes them, for a GPU.
+// Prefix sums of w L^T along the rows of an environment map on a GPU, those of arc_sums.cl up to rounding.
 //
-// A work-item sums a vector of 4 floats over a part of the row, then adds the parts before it. Another order of summation
-// changes the last digits of double words.
+//     arc(k) = sum over columns x < k of w (R, G, B) row_weight(y)      k = -half .. width,  half = (width + 1) / 2
 //
-// arcs  band x (high, low) x VECTORS x (half + width + 1): 3 vectors (R, G, B, 0), of w_x, w_y and w_z; with GREY a single
-//       one, (w_x, w_y, w_z, 0) times the one channel
+// A work-item sums one vector of 4 floats over a part of the row, then adds the sums of the parts before it. This order
+// of summation changes the last digits of the double words.
+//
+// arcs  band x 2 (high, low) x VECTORS x (half + width + 1) vectors of 4 floats: (R, G, B, 0) times w_x, times w_y and
+//       times w_z; with GREY one vector, (w_x, w_y, w_z, 0) times the one channel
 //
 // Other arguments: arc_sums.cl. One group of GROUP work-items per row.
 
@@ -16,7 +18,7 @@
 #define PARTS (GROUP / VECTORS)
 #define AT_ONCE 8  // columns that are read before they are summed
 
-// A vector of w L^T at the stored columns from .. from + AT_ONCE - 1, 0 from `end` on.
+// One vector of w L^T at each of the stored columns from .. from + AT_ONCE - 1; 0 from column `end` on.
 static inline void load_terms(global const float *radiance, global const float2 *phi, float2 t, float weight,
                               uint width, uint axis, uint from, uint end, private float4 *m)
 {

@@ -2,8 +2,9 @@
 //
 //     sum(y, m) = sum over x of scale L(x, y) (cos(m phi_x), sin(m phi_x)), for R, G and B
 //
-// radiance      height x width x 3
-// cosine, sine  orders x width: cos(m phi_x) and sin(m phi_x)
+// radiance      height x width x 3 floats
+// cosine, sine  orders x width floats: cos(m phi_x) and sin(m phi_x)
+// scale         a power of two that keeps sums inside float's range
 // sum           height x orders x 6 floats: R, G, B with the cosine, then with the sine
 //
 // One work-item per (m, y), 16 pixels at a time. Chunks of pixels are summed in single precision, and the chunks' sums

@@ -1,9 +1,9 @@
-// Prefix sums down the columns, in place: what row_sums.cl left becomes a summed-area table (Crow 1984).
+// Prefix sums down the columns, in place: they complete the summed-area tables (Crow 1984) that row_sums.cl begins.
 //
-//     energy(x, y) = sum over i <= x, j <= y of the light of pixel (i, j)
+//     energy(x, y) = sum over i <= x, j <= y of min(q(i, j), cap), see row_sums.cl
 //     lit(x, y)    = the number of these pixels that are lit
 //
-// energy, lit  height x width
+// energy, lit  height x width integers of 64 and 32 bits
 //
 // One work-item per strip of COLUMNS columns.
 

@@ -1,6 +1,9 @@
-// Prefix sums down the columns as column_sums.cl makes them, to the last bit, for a GPU.
+// Prefix sums down the columns on a GPU, in place, bit for bit those of column_sums.cl.
 //
-// A work-item sums one column over a part of the rows, then adds the parts above it.
+//     energy(x, y) = sum over i <= x, j <= y of min(q(i, j), cap), see row_sums.cl
+//     lit(x, y)    = the number of these pixels that are lit
+//
+// A work-item sums one column over a part of the rows, then adds the sums of the parts above it.
 //
 // Arguments: column_sums.cl. One group of GROUP work-items per strip of COLUMNS columns.
 

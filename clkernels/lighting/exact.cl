@@ -1,14 +1,17 @@
-// The diffuse sphere under a whole environment map: every pixel of the map counts once, yet no loop goes over pixels.
+// The diffuse sphere under a whole environment map: every pixel of the map counts once, yet no loop runs over them.
 //
-// On a row of the map, at the polar angle theta, the lights above a pixel's horizon are those of one arc about the
-// normal's azimuth: cos(phi - phi_n) > q = -(n_y cos theta) / (sqrt(1 - n_y^2) sin theta). All pixels of an image row
-// have the same n_y, so the arc's half angle depends on the two rows only. Cosine is linear until it is clamped, so
-// what the arc sends is n . M, where M, the sum of w L^T over the arc, is the difference of two prefix sums
-// (arc_sums.cl). For height rows and R x R pixels that is R^2 height steps where the plain sum has R^2 height width. A
-// light at the very end of the arc is on the horizon, so whether rounding counts it or not changes nothing.
+//     image(n) = sum over pixels (x, y) of the map of row_weight(y) L(x, y) max(0, n . w)
+//
+// On the row of the map at the polar angle theta, the pixels above a normal's horizon form one arc about the normal's
+// azimuth: cos(phi - phi_n) > q = -(n_y cos theta) / (sqrt(1 - n_y^2) sin theta). All pixels of an image row have the
+// same n_y, so the arc's half angle depends only on the image row and the map row. The cosine is linear above the
+// horizon, so the arc sends n . M, where M, the sum of w L^T over the arc, is the difference of two prefix sums
+// (arc_sums.cl). An R x R image takes R^2 height steps, where the plain sum takes R^2 height width. A pixel at the very
+// end of the arc is on the horizon and sends nothing, so it does not matter whether rounding counts it.
 //
 // arcs        from arc_sums.cl, for rows first .. first + rows - 1
-// half_arc    resolution x height: the half angle in columns; 0 if the map row is dark, width / 2 if all of it lights
+// half_arc    resolution x height: the half angle in columns; 0 if none of the map row is above the horizon, width / 2
+//             if all of it is
 //
 // Other arguments: sphere.clh. Source of n . M: Arvo, The Irradiance Jacobian (1994). One work-item per tile.
 
@@ -18,7 +21,7 @@
 #include "lighting/arc.clh"
 #include "lighting/sphere.clh"
 
-#define PLAIN_ROWS 64  // whose sum is in single precision
+#define PLAIN_ROWS 64  // rows that are summed in single precision
 
 kernel void exact(global const stored_arc *restrict arcs,
                   global const float *restrict half_arc,

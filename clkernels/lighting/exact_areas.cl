@@ -3,21 +3,23 @@
 //     image(n) = integral of (albedo / pi) L(w) max(0, n . w) dw
 //
 // On a row of the map, the columns whose pixels lie wholly above the horizon form an arc about the normal's azimuth.
-// What they send is n . M, where M, the sum of L^T times the integral of w over the pixel, is the difference of two
-// prefix sums (arc_sums.cl). At both ends of the arc lie columns that the horizon cuts: a few, or many where it runs
-// along the row. One from u_0 to u_1, in columns from the normal's azimuth, sends L (I(u_0) - I(u_1)), where I(u) is
-// what a row of radiance 1 sends from u outwards. I is a piecewise polynomial, the same for all of an image row
-// (horizon.py), and exactly 0 from the last lit place on: a sun below the horizon adds nothing. The pieces begin where
-// the arc ends, so the end of the next column lies in the same piece for all normals.
+// They send n . M, where M, the sum of L^T times the integral of w over the pixel, is the difference of two prefix sums
+// (arc_sums.cl). Beyond both ends of the arc, the horizon cuts columns: a few, or many where it runs along the row. Let
+// u be the distance from the normal's azimuth, in columns. A column from u_0 to u_1 sends L (I(u_0) - I(u_1)), where
+// I(u) is what a row of radiance 1 sends from u outwards. I is a piecewise polynomial, the same for a whole image row
+// (horizon.py). It is exactly 0 from where the whole row is below the horizon, so a sun that has set adds nothing.
+// Pieces are counted from the end of the arc, a whole number per column, so all normals use the same pieces for the
+// next column.
 //
-// arcs         from arc_sums.cl, for rows first .. first + rows - 1, with integrals over pixels in place of centres
+// arcs         from arc_sums.cl, for rows first .. first + rows - 1, with integrals of w over pixels in place of w at
+//              their centres
 // radiance     height x width x 3 floats
 // scale        a power of two that keeps sums inside float's range
 // bounds       resolution x rows x 4: h_0, half the arc that is seen whole, and h_1, half the arc that is seen at all,
 //              in columns; the pieces per column from h_0 to h_1; and their number m
 // start        resolution x rows: the first of m + 1 polynomials
 // polynomials  8 floats each, m for the pieces and one for the column before h_0: 7 coefficients in t, from the
-//              constant up, t being 0 at the piece's dark end and 1 at the other; and 1 / the piece's length in columns
+//              constant up, where t is 0 at the piece's dark end and 1 at the other; and 1 / its length in columns
 //
 // Other arguments: sphere.clh. Source of n . M: Arvo, The Irradiance Jacobian (1994). One work-item per tile.
 
@@ -44,7 +46,7 @@ static inline colour radiance_at(global const float *row, size_t x)
 #endif
 }
 
-// A polynomial at the distance x from the dark end of its piece.
+// The value of a polynomial at the distance x, in columns, from the dark end of its piece.
 static inline wide polynomial(float8 c, wide x)
 {
     const wide t = clamp(x * c.s7, 0.0f, 1.0f);
@@ -128,12 +130,12 @@ kernel void exact_areas(global const stored_arc *restrict arcs,
             wide_int x = side > 0 ? end : begin - 1;
             wide u = side > 0 ? to_wide(end) - centre : centre - to_wide(begin);
             wide left = polynomial(before, h_0 - fmax(u, (wide)(0.0f))) * scale;
-            // So short an arc may hold no whole column: add the one at the normal's azimuth, from there to u.
+            // An arc this short may hold no whole column: add the column at the normal's azimuth, from there to u.
             if (h_0 < 1.0f)
                 add_column(cut, L, width, x - side, polynomial(before, (wide)(h_0)) * scale - left);
             for (uint next = 0; next < pieces; next += a_column) {
                 u += 1.0f;
-                // The piece that u lies in: the column's last, even if rounding puts u beyond it, or one before.
+                // u lies in the column's last piece, even if rounding puts it beyond, or in an earlier one.
                 const uint last = min(next + a_column, pieces) - 1;
                 wide beyond = polynomial(vload8(last, p), fmin(h_0 + (last + 1) * length, h_1) - u) * scale;
                 for (uint i = last; i-- > next;) {

@@ -2,12 +2,13 @@
 //
 //     image(n) = sum over l, m of c_lm Y_lm(n)
 //
-// with the polar axis +y: Y_lm = p_lm(n_y) Re or Im (n_x + i n_z)^m. The power of the complex number has the factor
-// sin^m(theta) of the associated Legendre function; p_lm is the rest of that, by the recurrence over l
+// with the polar axis +y: Y_lm = p_lm(n_y) Re or Im (n_x + i n_z)^m. The power contains the factor sin^m(theta) of the
+// associated Legendre function; p_lm is the rest of that function, by the recurrence in l
 //
 //     p_lm = a_lm n_y p_{l-1,m} - b_lm p_{l-2,m}        p_mm = a_mm
 //
-// terms  for m = 0 .. order, for l = m .. order: a, b, then c_lm for R, G, B with the real part, then the imaginary
+// terms  for m = 0 .. order, for l = m .. order, 8 floats: a, b, c_lm of R, G, B for the real part, and the same three
+//        for the imaginary part
 //
 // Other arguments: sphere.clh. One work-item per tile of one row.
 

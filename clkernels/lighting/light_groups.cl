@@ -1,9 +1,11 @@
 // Bounds and sums of groups of LANES lights, for shade_tiles.cl: if all of a group lights a tile, or none of it does,
 // the tile needs nothing else of the group.
 //
+//     matrix = sum of w E^T,  axis = normalised sum of w,  reach = max |w - axis|,  all over the lights of the group
+//
 // lights   6 rows of stride floats, or 4 with GREY, see shade_tiles.cl
-// bounds   a group's (axis, reach): a unit vector, and how far from it the directions lie
-// matrix   a group's 3 x 3 matrix, the sum of w E^T: 3 x (E_r, E_g, E_b, 0) for w_x, w_y, w_z, and 4 zeros
+// bounds   a group's (axis, reach)
+// matrix   a group's 3 x 3 matrix: 3 x (E_r, E_g, E_b, 0) for w_x, w_y, w_z, and 4 zeros
 //
 // One work-item per group.
 

@@ -1,18 +1,21 @@
 // Cut a map into rectangles of equal energy (Debevec, A Median Cut Algorithm for Light Probe Sampling, 2005).
 //
-// A region that is to hold n lights is cut across its longer side, where its first part holds floor(n / 2) / n
-// of its energy or as near as a pixel's edge comes; the two parts share the n lights by the energy they have.
-// The length along a row is measured where the region is nearest to the equator. Each part holds a lit pixel,
-// and no more lights than lit pixels.
+//     energy(first part) = energy(region) floor(n / 2) / n
+//     lights(first part) = round(n energy(first part) / energy(region))
 //
-// energy, lit  height x width, summed-area tables (column_sums.cl); light_count <= the lit pixels
+// A region for n lights is cut across its longer side, as close to the first equation as pixels allow. Its parts share
+// the lights by the second one. The length along a row is measured where the region is nearest to the equator. Each
+// part holds a lit pixel, and gets at most as many lights as it has lit pixels.
+//
+// energy, lit  height x width integers of 64 and 32 bits, summed-area tables (column_sums.cl)
 // edge_sine    height + 1 floats, sin(theta) of the rows' edges
+// light_count  at most the number of lit pixels
 // region       light_count x (x0, y0, x1, y1): columns x0 .. x1 - 1 and rows y0 .. y1 - 1
 //
-// One work-item per light: it walks down the tree of cuts to its own region. Light i of a region of n lights is in
-// the first part if that holds more than i.
+// One work-item per light: it walks down the tree of cuts to its own region. Light i of a region for n lights goes to
+// the first part if that part gets more than i lights.
 
-// name(table, width, r): the sum over the region r, from a summed-area table of Ts.
+// name(table, width, r): the sum over the region r, from a summed-area table of type T.
 #define DEFINE_SUM_OVER(T, name)                                                            \
     static inline T name(global const T *table, uint width, uint4 r)                        \
     {                                                                                       \
@@ -39,7 +42,7 @@ static inline uint4 before(uint4 r, int axis, uint k)
 // Where to cut r so that `target` of its `total` energy comes first; 0 if one row or column holds all of it.
 static inline uint cut(global const ulong *energy, uint width, uint4 r, int axis, ulong target, ulong total)
 {
-    // Bisection: at most the target lies before `low`, more than it before `high`.
+    // Bisection: the energy before `low` is at most the target, and that before `high` is above it.
     uint low = axis == 0 ? r.x : r.y, high = axis == 0 ? r.z : r.w;
     const uint begin = low;
     ulong before_high = total;

@@ -10,8 +10,11 @@
 //
 // radiance     height x width x 3 floats, finite and >= 0
 // sin_theta    height floats
+// scale        a power of two that keeps the sum over the map inside float's range
 // quantum      two powers of two whose product is 2^k
-// energy, lit  height x width
+// cap          the most that a pixel counts for, an equal share of the energy (median_cut.py)
+// energy, lit  height x width integers of 64 and 32 bits
+// row          height x 4 integers of 64 bits
 //
 // One work-item per row, 16 pixels at a time.
 
@@ -53,7 +56,7 @@ kernel void row_sums(global const float *restrict radiance,
         const float16 f = weights(radiance + 3 * (size_t)x, scale) * sine;
         largest16 = fmax(largest16, f);
         const ulong16 q = convert_ulong16(convert_long16(f * quantum.x * quantum.y + 0.5f));
-        const ulong16 over = as_ulong16(q > cap);  // all bits where true
+        const ulong16 over = as_ulong16(q > cap);  // true is all bits set
         below16 += q & ~over;
         heavy16 -= over;
         ulong16 e = min(q, (ulong16)(cap));

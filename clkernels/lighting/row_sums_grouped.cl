@@ -1,6 +1,11 @@
-// Prefix sums along the rows of an environment map as row_sums.cl makes them, to the last bit, for a GPU.
+// Prefix sums along the rows of an environment map on a GPU, bit for bit those of row_sums.cl.
 //
-// Arguments: row_sums.cl. One group of GROUP work-items per row.
+//     q(x, y) = round(f(x, y) sin(theta_y) 2^k), f = scale (R + G + B): the light of a pixel
+//     energy(x, y) = sum over i <= x of min(q(i, y), cap)
+//     lit(x, y)    = number of i <= x with q(i, y) > 0
+//     row(y)       = (sum of the q <= cap, number of q > cap, number of q > 0, largest q)
+//
+// Arguments: row_sums.cl. One group of GROUP work-items per row, each of which takes one pixel at a time.
 
 #include "common/prefix_sum.clh"
 #include "common/group_scan.clh"

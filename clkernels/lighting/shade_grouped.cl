@@ -1,11 +1,13 @@
-// A diffuse sphere lit by a set of directional lights, as shade.cl computes it, for a GPU.
+// A diffuse sphere lit by a set of directional lights on a GPU: the image of shade.cl up to rounding.
 //
-// A light that is read serves PIXELS pixels of a work-item, which are in one column, and all of a patch of ACROSS
-// x DOWN work-items reads it at once. The lights are dealt out to SLICES such patches of the group, whose sums are
-// added at the end, in the same order always.
+//     image(n) = sum over lights of E max(0, n . w)
 //
+// ACROSS x DOWN work-items form a patch that covers the tile; each of them computes PIXELS pixels of one column. They
+// all read the same light at the same time, and use it for all of their pixels. The group has SLICES patches, which
+// share out the lights. At the end the patches' sums are added, always in the same order.
+//
+// tiles   the first pixel (i, j) of each tile that meets the disc, ACROSS x (DOWN PIXELS) pixels
 // lights  light_count x 8 floats: direction w and 0, E and 0; with GREY 4 floats: w, E
-// tiles   the first pixel (i, j) of each tile that meets the disc, ACROSS x DOWN PIXELS pixels
 //
 // Other arguments: shade.cl. One group of GROUP work-items per tile.
 
@@ -15,14 +17,14 @@
 #include "common/normal.clh"
 
 #define PIXELS 8
-#define CHUNK 1024  // lights that a group has in local memory
+#define CHUNK 1024  // lights that a group holds in local memory
 #define ACROSS 8
 #define DOWN 4
 #define PATCH (ACROSS * DOWN)
 #define SLICES (GROUP / PATCH)
 
 #ifdef GREY
-#define VECTORS 1  // of a light
+#define VECTORS 1  // per light
 #else
 #define VECTORS 2
 #endif
@@ -91,8 +93,8 @@ kernel void shade_grouped(global const uint2 *restrict tiles,
                 DOUBLE_WORD_ADD(float, hi[j][c], lo[j][c], chunk[j][c]);
     }
 
-    // Half of the pixels at a time, for which there is room.
-    local float2 *parts = (local float2 *)shared;  // by number and work-item
+    // Add the patches' sums, for half of the pixels at a time: local memory has no room for all.
+    local float2 *parts = (local float2 *)shared;  // by pixel and channel, then by work-item
 #pragma unroll
     for (int half_of = 0; half_of < 2; ++half_of) {
         barrier(CLK_LOCAL_MEM_FENCE);

@@ -1,20 +1,20 @@
-// A diffuse sphere lit by directional lights, without evaluating most of the pairs of pixel and light.
+// A diffuse sphere lit by directional lights, without evaluating most pairs of a pixel and a light.
 //
 //     image(n) = sum over lights of E max(0, n . w) = n . M + sum over lights near the horizon
 //
-// The cosine is linear until it is clamped. The normals of a tile lie within `margin` of its axis, so a light
-// with axis . w >= margin lights all of it unclamped, and one with axis . w <= -margin none of it. The
-// unclamped ones need no work per pixel: their sum is n . M with the 3 x 3 matrix M = sum of w E^T
-// (Arvo's vector irradiance, 1994). Only lights near the tile's horizon are evaluated pixel by pixel. The
-// image is the brute-force one (shade.cl) up to rounding. Lights come sorted, so that groups of 16 lie close
-// together: of most groups all light the tile, or none, and their bounds and matrix are all that is looked at.
+// The cosine is linear above the horizon. The normals of a tile lie within `margin` of its axis, so a light with
+// axis . w >= margin lights all of the tile unclamped, and one with axis . w <= -margin lights none of it. The
+// unclamped ones need no work per pixel: their sum is n . M with the 3 x 3 matrix M = sum of w E^T (Arvo's vector
+// irradiance, 1994). Only lights near the tile's horizon are evaluated pixel by pixel. The image is that of shade.cl up
+// to rounding. Lights are sorted, so that the 16 of a group lie close together: most groups light all of the tile or
+// none of it, and then only the group's bounds and matrix are read.
 //
 // lights          6 rows of stride floats: w_x, w_y, w_z, and E = albedo / pi x flux in red, green, blue; with GREY 4
 //                 rows, as the channels are equal. stride is a multiple of 16, and E beyond the last light is 0
 // bounds, groups  of groups of 16 lights, see light_groups.cl
 //
-// Other arguments: sphere.clh. One work-item per tile of 16 x ROWS pixels (ROWS even): vectors of 16 lights to classify
-// and sum, vectors of 16 pixels to evaluate.
+// Other arguments: sphere.clh. One work-item per tile of 16 x ROWS pixels (ROWS even): it classifies and sums 16 lights
+// at a time, and evaluates 16 pixels at a time.
 
 #include "common/channels.clh"
 #include "common/double_word.clh"
@@ -24,7 +24,7 @@
 #define WIDTH LANES
 #include "lighting/sphere.clh"
 
-#define CHUNK 1024  // lights whose sums are added in single precision before they go into double words
+#define CHUNK 1024  // lights that are summed in single precision; the chunks' sums go into double words
 #define LIST 128    // lights near the horizon, evaluated when the list is full
 
 typedef struct {
@@ -57,7 +57,7 @@ static inline uint append(private uint *list, uint n, uint first, int16 belongs)
     return n;
 }
 
-// What the listed lights send to two rows of the tile, pixel by pixel: the channels of one, then of the other.
+// What the listed lights send to two rows of the tile, pixel by pixel: the channels of the first, then of the second.
 static inline void evaluate(private const uint *list, uint n, global const float *lights, size_t stride,
                             float16 nx, private const float *ny, private const float16 *nz, private float16 *sent)
 {
@@ -115,16 +115,17 @@ kernel void shade_tiles(global const uint2 *restrict tiles,
         const float y = ny[j] - axis.y;
         chord2 = select(chord2, fmax(chord2, x * x + y * y + z * z), c2[j] > 0);
     }
-    // |n . w - axis . w| <= |n - axis|; the rest covers what rounding adds.
+    // |n . w - axis . w| <= |n - axis|; the rest allows for rounding.
     const float margin = sqrt(max16(chord2)) * 1.00001f + 1e-6f;
 
-    // Lights near the horizon wait in a list. When it is full they are spilled: evaluated, and summed by pixel.
+    // Lights near the horizon wait in a list. When it is full, they are spilled: evaluated, and summed per pixel.
     uint list[LIST + LANES];
     uint n = 0;
     bool spilled = false;
     double_word16 sum[ROWS * CHANNELS];
 
-    // M of the lights that light the whole tile: of groups as they come, of single lights by channel, axis and lane.
+    // M of the lights that light the whole tile: one sum for whole groups, and for single lights one per channel, axis
+    // and lane.
     double_word16 group_matrix, matrix[3 * CHANNELS];
     group_matrix.hi = group_matrix.lo = 0.0f;
     for (int k = 0; k < 3 * CHANNELS; ++k)
@@ -182,7 +183,7 @@ kernel void shade_tiles(global const uint2 *restrict tiles,
             add_to(matrix + k, chunk[k]);
     }
 
-    // Each pixel: n . M, what the lights of the list send, and what those that were spilled sent.
+    // Each pixel is n . M, plus the lights still in the list, plus those that were spilled.
     const float16 g = group_matrix.hi + group_matrix.lo;
     const float of_groups[9] = {g.s0, g.s4, g.s8, g.s1, g.s5, g.s9, g.s2, g.s6, g.sa};
     float m[3 * CHANNELS];

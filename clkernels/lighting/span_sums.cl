@@ -2,8 +2,9 @@
 //
 //     sum = sum over x in [begin, end) of scale (R, G, B, I cos(phi_x), I sin(phi_x)), I = R + G + B
 //
-// radiance  height x width x 3
+// radiance  height x width x 3 floats
 // phi       (sin, cos) of every column
+// scale     a power of two that keeps sums inside float's range
 // span      span_count x (y, begin, end)
 // sum       span_count x 8 floats, the last three 0
 //

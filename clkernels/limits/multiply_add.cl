@@ -2,8 +2,8 @@
 //
 //     x = x factor + term, `steps` times, in 16 x CHAINS chains that begin at 0, 1, 2, ...
 //
-// The host passes 1 for factor and term, so that a chain counts its own steps. The compiler does not know that, and can
-// leave none out.
+// The host passes 1 for factor and term, so that a chain counts its own steps. The compiler does not know these values,
+// so it cannot leave out any step.
 //
 // result  16 floats per work-item: the sums over its chains, lane by lane
 //

@@ -1,18 +1,22 @@
-// An environment map cut into cells: what light each holds, from where, and CDFs over its pixels.
+// An environment map cut into cells: each one's flux, a cone around its directions, and CDFs over its pixels.
 //
 //     f = scale (R + G + B)        flux(cell) = sum over its pixels of f sin(theta)
 //
+// radiance           height x width x 3 floats, finite and >= 0
+// scale              a power of two that keeps the sum over the map inside float's range
 // theta, phi         (sin, cos) of every row and of every column
-// spread             by row: how far directions may be from the centres of their pixels; 0 if all are centres
+// spread             by row: the largest distance of a direction from the centre of its pixel; 0 if all are centres
 // size               pixels of a cell across and down; the last cells may have fewer
 // cell_row_cdf       height x width integers (prefix_sum.clh), over the pixels of a row that share a cell
 // cell_marginal_cdf  cells across x height integers, over the rows of a cell
-// flux               cells down x cells across
+// flux               cells down x cells across floats
 // cell_cones         (axis, reach) of every cell: the mean direction of its light, and the distance of the
 //                    farthest direction in a lit pixel from it
 //
-// A cell has CDFs of its own, because beside a bright pixel elsewhere in the row its pixels may weigh less
-// than the row's CDF resolves, and yet be all the light that some normals see. One work-item per cell.
+// A cell has CDFs of its own, since a row's CDF may not resolve its pixels beside a bright pixel elsewhere in the row,
+// although they may be all the light that some normals see.
+//
+// One work-item per cell.
 
 #include "common/prefix_sum.clh"
 #include "rendering/product.clh"

@@ -1,6 +1,11 @@
-// An environment map cut into cells as cells.cl does it, to the last bit, for a GPU.
+// An environment map cut into cells on a GPU, bit for bit as cells.cl does it.
 //
-// Arguments: cells.cl. One group of GROUP work-items per cell, which take its rows in turn; their sums are added in order.
+//     f = scale (R + G + B)        flux(cell) = sum over its pixels of f sin(theta)
+//
+// Each work-item makes the CDFs of some of the cell's rows. One of them then adds up the rows in order, as cells.cl
+// does, since the last bits of float sums depend on the order.
+//
+// Arguments: cells.cl. One group of GROUP work-items per cell, from left to right, then from top to bottom.
 
 #include "common/prefix_sum.clh"
 #include "rendering/product.clh"

@@ -1,10 +1,10 @@
-// Light times cosine, coarsely: for every tile of the image, CDFs over the cells of the map.
+// Coarse CDFs of light times cosine: for every tile of the image, over the cells of the map.
 //
 //     g(cell) = flux(cell) C(tile, cell)        total = sum over cells of g(cell)
 //
-// flux, cell_cones   from cells.cl, cells.y x cells.x; C is product.clh's
+// flux, cell_cones   from cells.cl, cells.y x cells.x; for C see product.clh
 // tile_cones         (axis, reach) of the normals of every tile that meets the disc
-// total              one per tile; stays 0 for a tile outside the disc
+// total              one float per tile; zeroed by the host, and stays 0 for a tile outside the disc
 // tile_row_cdf       a tile's cells.y x cells.x integers (prefix_sum.clh), over the cells of one row
 // tile_marginal_cdf  a tile's cells.y integers, over its rows of cells
 //
@@ -14,7 +14,7 @@
 #include "common/normal.clh"
 #include "rendering/product.clh"
 
-// The mean normal of the tile's pixels and the distance of the farthest; 0 if there is none.
+// The mean normal of the tile's pixels, and the distance of the farthest normal from it; 0 outside the disc.
 static inline float4 bound_normals(int2 tile, int tile_size, int resolution)
 {
     const int2 first = tile * tile_size, last = min(first + tile_size, resolution);

@@ -1,6 +1,11 @@
-// Light times cosine for every tile of the image as product_cdf.cl computes it, to the last bit, for a GPU.
+// Coarse CDFs of light times cosine on a GPU, bit for bit those of product_cdf.cl.
 //
-// Arguments: product_cdf.cl. One group of GROUP work-items per tile: each takes some cells, then some rows of cells.
+//     g(cell) = flux(cell) C(tile, cell)        total = sum over cells of g(cell)
+//
+// Work-items share out the tile's normals, then the cells, then the rows of cells, of which there are at most GROUP.
+// Each sum whose last bits depend on the order is left to a single work-item.
+//
+// Arguments: product_cdf.cl. One group of GROUP work-items per tile, from left to right, then from top to bottom.
 
 #include "common/prefix_sum.clh"
 #include "common/normal.clh"

@@ -1,7 +1,11 @@
 // Per-pixel Monte Carlo of the diffuse sphere: directions sampled by the light. Arguments: pixel_block.clh, and edge.
 //
-// This is render_light.cl, except that directions are uniform over the solid angle of the map's pixels, so it converges
-// to the integral over areas (exact_areas.cl).
+// As in render_light.cl, the image is albedo F / pi times the mean over samples of
+//
+//     c L / S
+//
+// but directions are uniform over the solid angle of the map's pixels, so this converges to the integral over areas
+// (exact_areas.cl).
 //
 // edge  cos(theta) at the height + 1 borders of rows
 //

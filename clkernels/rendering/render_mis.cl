@@ -1,4 +1,4 @@
-// Per-pixel Monte Carlo of the diffuse sphere: a direction sampled by the light and one by the cosine, both weighted.
+// Per-pixel Monte Carlo of the diffuse sphere: one direction sampled by the light and one by the cosine, both weighted.
 //
 // The densities are p_light = S / F and p_bsdf = c / pi; with q = S k, pi p_light = q and pi p_bsdf = c. By the power
 // heuristic (Veach 1997, 9.2.4; Pharr et al., 4th ed., 2.2.3) the image is albedo F / pi times the mean over samples of
@@ -7,7 +7,7 @@
 //         L k x c^2 / (q^2 + c^2)        of the direction sampled by the cosine
 //
 // No term is above 1, so nothing overflows whatever the range of the map. MIS compensation (Karlik et al. 2019) puts
-// max(0, S - offset) in the place of S in the light's density, and its integral in the place of F; L stays the map's.
+// max(0, S - offset) in place of S in the light's density, and its integral in place of F; L stays the map's.
 //
 // The cosine's directions fall anywhere in a pixel, whose radiance is constant over its area. The light's directions
 // are uniform over its solid angle. So this converges to the integral over areas (exact_areas.cl).

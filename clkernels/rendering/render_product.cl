@@ -1,8 +1,13 @@
-// Per-pixel Monte Carlo of the diffuse sphere, with light samples that know about the cosine: see product_block.clh.
+// Per-pixel Monte Carlo of the diffuse sphere, with directions sampled by light times cosine, approximately.
+//
+// With an estimate C of the cosine (product.clh), the image is, up to a factor (product_block.clh), the mean over
+// samples of
+//
+//     (L / S) (c / C)
 //
 // Directions are centres of the map's pixels, so this converges to the sum over centres (exact.cl).
 //
-// One work-item per BLOCK pixels, in short loops.
+// Arguments: product_block.clh. One work-item per BLOCK pixels.
 
 #include "rendering/product_block.clh"
 

@@ -1,11 +1,15 @@
-// Per-pixel Monte Carlo of the diffuse sphere, with light samples that know about the cosine: see product_block.clh.
+// Per-pixel Monte Carlo of the diffuse sphere, with directions sampled by light times cosine, approximately.
 //
-// This is render_product.cl, except that directions are uniform over the solid angle of the map's pixels, so it
-// converges to the integral over areas (exact_areas.cl). The cells' cones hold whole pixels (cells.cl).
+// As in render_product.cl, the image is, up to a factor, the mean over samples of
+//
+//     (L / S) (c / C)
+//
+// but directions are uniform over the solid angle of the map's pixels, so this converges to the integral over areas
+// (exact_areas.cl). The cells' cones hold whole pixels (cells.cl).
 //
 // edge  cos(theta) at the height + 1 borders of rows
 //
-// One work-item per BLOCK pixels, in short loops.
+// Other arguments: product_block.clh. One work-item per BLOCK pixels.
 
 #include "rendering/product_block.clh"
 

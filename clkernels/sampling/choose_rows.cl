@@ -1,6 +1,6 @@
 // The rows that samples of an environment map fall into, and the numbers that pick the pixels in them.
 //
-//     row(i) from the CDF over rows at `down`, across(i) = `across`, of point i = (across, down)
+//     row(i) = the row that `down` picks by the CDF over rows    across(i) = `across`    for point i = (across, down)
 //
 // marginal_cdf  from marginal_cdf.cl, height integers
 // seed, generator
@@ -9,8 +9,8 @@
 // across        count integers, fractions of 2^64
 // place         count integers: where in the row's step of the CDF `down` lies, a fraction of 2^32 (within_pixel.clh)
 //
-// One work-item per sample; those beyond `count`, which fill the last group, do nothing. sample.cl does the same when
-// the whole map is on the device.
+// One work-item per sample; those beyond `count`, which fill up the last group, do nothing. When the whole map is on
+// the device, sample.cl picks the rows itself.
 
 #include "common/sequence.clh"
 #include "common/within_pixel.clh"

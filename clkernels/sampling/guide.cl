@@ -1,11 +1,13 @@
-// Guide tables: where in an integer CDF (prefix_sum.clh) searches end, for all u of a bucket b = u >> shift.
+// Guide tables: for every bucket b = u >> shift, where the searches of an integer CDF (prefix_sum.clh) end.
 //
-// Most buckets hold no step of the CDF, or only one, to the next entry: then one comparison is all that a search takes.
+//     guide(b) bounds i(u) for all u of the bucket,    i(u) = the first i with cdf(i) > floor(u total / 2^32)
+//
+// Most buckets hold at most one step of the CDF, to the next entry, and then a search takes a single comparison.
 // Source: Chen and Asau, On Generating Random Variates from an Empirical Distribution (1974); Devroye, Non-Uniform
-// Random Variate Generation (1986), III.2.4; the split in a bucket's record is that of the alias method.
+// Random Variate Generation (1986), III.2.4; a record splits its bucket as the alias method does.
 //
 // cdf      n integers per CDF, one CDF after another
-// guide    2^32 >> shift records per CDF, see guided.clh; an empty CDF is never searched
+// guide    2^32 >> shift records per CDF, see guided.clh; those of an empty CDF stay unset, as it is never searched
 // total    the last entry of each CDF
 //
 // One work-item per CDF.
@@ -29,7 +31,7 @@ kernel void guide(global const uint *restrict cdf,
     uint first = 0, end = 0;
     for (uint b = 0; b < buckets; ++b) {
         const ulong begin = (ulong)(b << shift) * sum, next = begin + ((ulong)sum << shift);
-        const uint least = begin >> 32, most = (next - sum) >> 32;  // of the first u in the bucket, and of the last
+        const uint least = begin >> 32, most = (next - sum) >> 32;  // targets of the bucket's first and last u
         while (cdf[first] <= least)
             ++first;
         end = max(end, first);

@@ -1,10 +1,14 @@
-// Guide tables as guide.cl makes them, to the last bit, for a GPU: it searches for the steps that guide.cl walks to.
+// Guide tables on a GPU, bit for bit those of guide.cl.
+//
+//     guide(b) bounds i(u) for all u of the bucket,    i(u) = the first i with cdf(i) > floor(u total / 2^32)
+//
+// guide.cl walks along the CDF; this kernel searches it, so that each bucket can have its own work-item.
 //
 // Arguments: guide.cl. One work-item per (bucket, CDF).
 
 #include "common/guided.clh"
 
-// The first entry above u, from cdf[first] on, where the last of all is above it; `steps` entries lie before that.
+// The index of the first entry above u, out of the steps + 1 entries from cdf[first] on; the last of them is above u.
 static inline uint first_above(global const uint *cdf, uint first, uint steps, uint u)
 {
     while (steps > 0) {
@@ -32,7 +36,7 @@ kernel void guide_buckets(global const uint *restrict cdf,
     if (sum == 0)
         return;
     const ulong begin = (ulong)(b << shift) * sum, next = begin + ((ulong)sum << shift);
-    const uint least = begin >> 32, most = (next - sum) >> 32;  // of the first u in the bucket, and of the last
+    const uint least = begin >> 32, most = (next - sum) >> 32;  // targets of the bucket's first and last u
     const uint first = first_above(cdf, 0, n - 1, least);
     if (cdf[first] > most)
         guide[b] = (uint2)(UINT_MAX, first);

@@ -1,5 +1,5 @@
-// The weights of a map's pixels without sin(theta), for kernels that need only probabilities: at a third of the
-// radiance's memory, more of them lie in the cache.
+// The weights of a map's pixels without sin(theta), for kernels that need only probabilities. They take a third of the
+// radiance's memory, so more of them fit in the cache.
 //
 //     f(x, y) = scale (R + G + B)
 //

@@ -1,6 +1,10 @@
-// The CDF over the rows of an environment map as marginal_cdf.cl makes it, to the last bit, for a GPU.
+// The CDF over the rows of an environment map on a GPU, bit for bit that of marginal_cdf.cl.
 //
-// The total is defined as a sum in turn, which one work-item does, out of local memory; all do the rest.
+//     g(y) = sin(theta_y) row_sum(y)     total = sum over y of g(y)
+//     cdf(y) = prefix sum over y of g(y) as integers (prefix_sum.clh)
+//
+// The total's last bits depend on the order of summation, so a single work-item adds up the rows in order, from local
+// memory. All work-items share the rest.
 //
 // Arguments: marginal_cdf.cl. A single group of GROUP work-items.
 

@@ -7,13 +7,13 @@
 //
 // radiance  height x width x 3 floats, finite and >= 0
 // scale     a power of two that keeps the sum over the map inside float's range
-// offset    for MIS compensation: the part of f that is left to another sampler, else 0
+// offset    for MIS compensation, the part of the weights that is left to another sampler; otherwise 0
 //           With PLAIN, scale is 1 and offset 0, and neither is read.
 // cdf       height x width integers
 // row_sum   height double words
 //
-// One work-item per row: the first pass reads the map once, sums the weights and leaves them in `cdf`, the second turns
-// them into prefix sums while they are still in the cache.
+// One work-item per row, in two passes: the first reads the map, sums the weights and leaves them in `cdf`; the second
+// turns them into prefix sums while they are still in the cache.
 
 #include "sampling/row_weights.clh"
 

@@ -1,16 +1,20 @@
-// Row sums and row CDFs as row_cdf.cl makes them, to the last bit, for a GPU.
+// Row sums and row CDFs of an environment map on a GPU, bit for bit those of row_cdf.cl.
 //
-// The sum of a row is defined as that of 16 lanes, each of which adds every 16th pixel in turn. So 16 work-items add
-// them up, out of local memory, while the others read on. The CDFs are integers, which may be added in any order.
+//     f(x, y) = max(0, scale (R + G + B) - offset)        row_sum(y) = sum over x of f(x, y)
+//     cdf(x, y) = prefix sum over x of f(x, y) as integers (prefix_sum.clh)
+//
+// row_cdf.cl sums a row in 16 lanes, each of which adds every 16th pixel. For the same rounding, 16 work-items take the
+// part of one lane each, and sum a tile of the row from local memory while the next one is being read. The CDFs are
+// integers, which may be added in any order.
 //
 // Arguments: row_cdf.cl. One group of GROUP work-items per row.
 
 #include "sampling/row_weights.clh"
 #include "common/group_scan.clh"
 
-#define EACH 16  // pixels of a work-item in a tile
+#define EACH 16  // pixels per work-item in a tile
 #define TILE (GROUP * EACH)
-#define PLACE(x) ((x) + (x) / EACH)  // in local memory: work-items side by side are in different banks
+#define PLACE(x) ((x) + (x) / EACH)  // padded, so that neighbouring work-items use different banks of local memory
 
 __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 kernel void row_cdf_grouped(global const float *restrict radiance,

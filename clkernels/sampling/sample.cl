@@ -2,7 +2,7 @@
 //
 //     y from the CDF over rows, x from the CDF of row y,  p(x, y) = f(x, y) sin(theta_y) / total
 //
-// The other formulas, the arguments and the work of a work-item are in sample_block.clh.
+// Other formulas, and the arguments: sample_block.clh. One work-item per BLOCK samples.
 
 #include "sampling/sample_block.clh"
 

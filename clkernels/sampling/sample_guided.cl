@@ -1,6 +1,8 @@
-// Draw directions as sample.cl does, by searches that begin at guide tables: faster for many samples.
+// Draw directions as sample.cl does, with searches that start from guide tables: faster for many samples.
 //
-// Formulas, arguments and the work of a work-item are in sample_block.clh.
+//     y from the CDF over rows, x from the CDF of row y,  p(x, y) = f(x, y) sin(theta_y) / total
+//
+// Other formulas, and the arguments: sample_block.clh. One work-item per BLOCK samples.
 
 #include "sampling/sample_block.clh"
 

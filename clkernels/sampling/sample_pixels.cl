@@ -1,6 +1,8 @@
 // Draw pixels as sample.cl does, with their probabilities but without directions and radiance.
 //
-// Formulas, arguments and the work of a work-item are in sample_block.clh.
+//     y from the CDF over rows, x from the CDF of row y,  p(x, y) = f(x, y) sin(theta_y) / total
+//
+// Arguments: sample_block.clh. One work-item per BLOCK samples.
 
 #include "sampling/sample_block.clh"
 

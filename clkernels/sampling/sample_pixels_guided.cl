@@ -1,8 +1,10 @@
-// Draw pixels as sample_pixels.cl does, by searches that begin at guide tables: faster for many samples.
+// Draw pixels as sample_pixels.cl does, with searches that start from guide tables: faster for many samples.
 //
-// Formulas, arguments and the work of a work-item are in sample_block.clh, except for
+//     y from the CDF over rows, x from the CDF of row y,  p(x, y) = f(x, y) sin(theta_y) / total
 //
 // f  height x width floats, from map_weights.cl: read in place of the radiance
+//
+// Other arguments: sample_block.clh. One work-item per BLOCK samples.
 
 #include "sampling/sample_block.clh"
 

@@ -52,10 +52,10 @@ def describe(summary: Summary) -> str:
 
 
 def main() -> None:
-    """Write the plots and fresnel.json, and say so."""
+    """Write the plots and fresnel.json, and list what was written."""
     arguments = parse_arguments()
     out = cli.output_folder(arguments.out)
-    # Matplotlib takes most of a second to load: not before the command line is known to be right.
+    # Matplotlib takes most of a second to load, so the command line is checked first.
     from ..fresnel.plot import fresnel_figure, save, schlick_figure
 
     summary = summarise(arguments.eta)

@@ -16,14 +16,15 @@ if TYPE_CHECKING:
     from ..maps.images import ImageRows
     from ..opencl.device import Device
 
-BYTES_PER_PIXEL = 50  # of the map in the host's memory, at the peak: map, CDFs, pictures and marks
+BYTES_PER_PIXEL = 50  # peak memory on the host per pixel of the map: map, CDFs, pictures and marks
 
 
 def main() -> None:
     parser = cli.parser(
         "Draw directions from an environment map with probability proportional to luminance x sin(theta).\n\n"
-        "Writes samples_N.npz, and em_N.pfm, em_N.ppm and em_N.png, or --format: the map with a square on each pixel"
-        " drawn. settings.json says what made them. Another --seed draws another set: how well one set does is chance.",
+        "Writes samples_N.npz, and em_N.pfm, em_N.ppm and em_N.png, or the formats of --format: the map with a square"
+        " on each pixel drawn. settings.json records how they were made. Another --seed draws another set: how well one"
+        " set does is chance.",
         "--counts 64 256 --seed 1",
         "out/part2",
     )
@@ -37,13 +38,13 @@ def main() -> None:
         help="samples to draw",
     )
     parser.add_argument(
-        "--sequence", choices=SEQUENCES, default=SEQUENCES[0], help="the points that samples are made of"
+        "--sequence", choices=SEQUENCES, default=SEQUENCES[0], help="the points that samples are made from"
     )
     parser.add_argument(
         "--within",
         choices=WITHIN,
         default=WITHIN[0],
-        help="where directions lie: at the centre of their pixels, or anywhere in the pixel, even over its solid angle",
+        help="where directions lie: at the centre of their pixels, or anywhere in them, uniform over the solid angle",
     )
     parser.add_argument("--seed", type=cli.seed, default=SEED, help="seed of the points, a whole number")
     parser.add_argument(
@@ -52,7 +53,7 @@ def main() -> None:
     parser.add_argument(
         "--samples-only",
         action="store_true",
-        help="write samples_N.npz and no pictures; the map is never held, so that it may be larger than the memory",
+        help="write samples_N.npz and no pictures; the map is read in parts, so it may be larger than the memory",
     )
     cli.image_options(parser)
     cli.device_option(parser)
@@ -68,7 +69,7 @@ def main() -> None:
     image = ImageRows(args.map, layer=args.layer, flip=args.flip)
     if args.samples_only and (image.is_cube or args.projection not in (None, "latlong")):
         raise LightdomeError(
-            "--samples-only reads latitude-longitude maps alone; lightdome convert makes one of any other"
+            "--samples-only reads only latitude-longitude maps; lightdome convert makes one from any other"
         )
     device = cli.open_device(args)
     print(f"map: {args.map}, {image.width} x {image.height}")
@@ -110,7 +111,7 @@ def write_samples(args: Namespace, out: Path, image: ImageRows, device: Device) 
         names.append(f"samples_{len(samples)}.npz")
         samples.save(out / names[-1])
         print(f"wrote {out}/{names[-1]}")
-    # The sum of its radiance would take all rows in order, which is not how every file has them.
+    # A checksum of its radiance would need all rows in order, and not every file stores them so.
     of_map = {"width": image.width, "height": image.height, "file_sha256": settings.file_sum(args.map)}
     settings.write(out, settings.settings(device, None, vars(args)) | {"map": of_map}, names)
     # All counts are drawn in one go.

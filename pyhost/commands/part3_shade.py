@@ -13,7 +13,7 @@ from . import cli
 def recorded_exposure(path: Path, albedo: float) -> float | None:
     """The exposure of a sphere of ``albedo`` under the map of the samples in ``path``; None if it is not known.
 
-    :mod:`.part2_sample`, which sees the map, leaves that of a white one beside the samples.
+    :mod:`.part2_sample`, which has the map, records the exposure of a white sphere beside the samples.
     """
     from . import settings
 
@@ -30,8 +30,8 @@ def recorded_exposure(path: Path, albedo: float) -> float | None:
 def main() -> None:
     parser = cli.parser(
         "Shade a diffuse sphere with sets of light samples, each set shared by all pixels.\n\n"
-        "Writes sphere_N.pfm (linear radiance), sphere_N.ppm and sphere_N.png for a set of N samples, or --format."
-        " settings.json says what made them.",
+        "Writes sphere_N.pfm (linear radiance), sphere_N.ppm and sphere_N.png, or the formats of --format, for a set of"
+        " N samples. settings.json records how they were made.",
         "out/part2/samples_*.npz",
         "out/part3",
     )
@@ -61,7 +61,7 @@ def main() -> None:
 
     device = cli.open_device(args)
     exposure, lines, names = args.exposure or recorded_exposure(sets[max(sets)][0], args.albedo), [], []
-    # The largest set first: where no exposure is recorded, it knows best how bright the sphere is, and one serves all.
+    # The largest set first: if no exposure is recorded, its image gives the best estimate, which serves all sets.
     for count, (_, samples) in sorted(sets.items(), reverse=True):
         image = shade_samples(device, samples, args.resolution, args.albedo)
         exposure = exposure or auto_exposure(image)

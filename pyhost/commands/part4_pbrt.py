@@ -25,8 +25,9 @@ def parse_arguments() -> argparse.Namespace:
     """The command line."""
     parser = cli.parser(
         "Render a diffuse sphere under an environment map with fresh samples for every pixel.\n\n"
-        "Writes sphere_Nspp.pfm (linear radiance), sphere_Nspp.ppm and sphere_Nspp.png, or --format, for N samples per"
-        " pixel, and the scenes for PBRT-v3 and PBRT-v4 into the folder pbrt. settings.json says what made the images.",
+        "Writes sphere_Nspp.pfm (linear radiance), sphere_Nspp.ppm and sphere_Nspp.png, or the formats of --format, for"
+        " N samples per pixel, and the scenes for PBRT-v3 and PBRT-v4 into the folder pbrt. settings.json records how"
+        " the images were made.",
         example="--spp 16 64 --seed 1",
         out="out/part4",
     )
@@ -38,17 +39,17 @@ def parse_arguments() -> argparse.Namespace:
         "--renderer",
         choices=["auto", "pbrt", "opencl"],
         default="auto",
-        help="auto: pbrt if there is one, and opencl else, or where --estimator, --sequence or --within is given",
+        help="auto: pbrt if it is found, otherwise opencl; opencl too if --estimator, --sequence or --within is given",
     )
     parser.add_argument("--estimator", choices=ESTIMATORS, help="how a pixel uses its samples (default: light)")
     parser.add_argument(
-        "--sequence", choices=PIXEL_SEQUENCES, help="the points that samples are made of (default: independent)"
+        "--sequence", choices=PIXEL_SEQUENCES, help="the points that samples are made from (default: independent)"
     )
     parser.add_argument(
         "--within",
         choices=WITHIN,
-        help="where directions lie in a pixel of the map: at its centre, or anywhere in it, even over its solid angle"
-        " (default: centre; bsdf and mis have pixel alone)",
+        help="where directions lie in a pixel of the map: at its centre, or anywhere in it, uniform over its solid"
+        " angle (default: centre; always pixel for bsdf and mis)",
     )
     parser.add_argument(
         "--pbrt",
@@ -77,7 +78,7 @@ def parse_arguments() -> argparse.Namespace:
             args.renderer = "opencl"
     args.estimator, args.sequence = args.estimator or "light", args.sequence or "independent"
     if args.within == "centre" and ESTIMATORS[args.estimator].pixels == "areas":
-        parser.error(f"--estimator {args.estimator} has --within pixel alone")
+        parser.error(f"--estimator {args.estimator} needs --within pixel")
     if args.albedo > 1 and (args.renderer == "pbrt" or args.pbrt):
         parser.error(f"PBRT's albedo must be from 0 to 1, got {exactly(args.albedo)}; use --renderer opencl")
     return args
@@ -100,13 +101,13 @@ def with_opencl(args: argparse.Namespace, envmap: EnvironmentMap, device: Device
         args.sequence,
         within=args.within,
     )
-    # An image of more samples continues the one of fewer.
+    # An image with more samples continues the one with fewer, so the decisions are those for all.
     cli.explain(args, f"{', '.join(map(str, sorted(set(args.spp))))} spp", device.decisions.take())
     cli.explain_kernels(args, device)
 
 
 def main() -> None:
-    """Write the scenes and the images, and say so."""
+    """Write the scenes and the images, and list what was written."""
     args = parse_arguments()
     out = cli.output_folder(args.out, images=True)
     envmap = cli.load_map(args)
@@ -131,7 +132,7 @@ def main() -> None:
         try:
             program = pbrt.find_pbrt(args.pbrt)
         except LightdomeError as error:
-            # A program that was asked for by name is not silently replaced.
+            # A program that the user asked for is not silently replaced.
             if args.renderer == "pbrt" or args.pbrt:
                 raise
             reason = f", because: {str(error).partition(';')[0]}"

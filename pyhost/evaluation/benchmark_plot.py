@@ -31,7 +31,7 @@ from .metrics import LEVELS, cheapest, most_exact, pareto_front, relative_rmse, 
 ROUNDING = 1e-6  # an error below this is the exact image
 READ_OUT = {"family": "monospace", "size": 7}
 BEHIND: dict[str, Any] = {"color": "0.85", "linewidth": 1, "zorder": 1}
-STAGES = 6  # that are named
+STAGES = 6  # that are shown by name
 RUN_TIME, COUNT = "run time, map to image, ms (median)", "count: samples or lights in all, samples per pixel, or order"
 ERROR = "relative RMSE over the sphere, %"
 DASHES = {"shared": "-", "per pixel": "--", "order": ":", "peer": "-."}
@@ -62,7 +62,7 @@ def _logarithmic(axes: Axes, label: str) -> None:
 
 
 def _label_decades(axes: Axes) -> None:
-    """Plain numbers at 1, 2 and 5 of each decade, or at 1 where decades are many; matplotlib's would overlap."""
+    """Plain numbers at 1, 2 and 5 of each decade, or only at 1 of many decades; matplotlib's own would overlap."""
     for axis, (low, high) in (axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim()):
         axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 300 * low else (1,)))
         axis.set_major_formatter(StrMethodFormatter("{x:g}"))
@@ -81,7 +81,7 @@ def _counted(point: MethodMeasurement) -> str:
 
 
 def _group(point: MethodMeasurement) -> str:
-    """Whom a method competes with for a line in the headline: peers of a name, and methods of a kind."""
+    """The group in which a method competes for a line in the headline: a peer program, or a kind of method."""
     if point.peer:
         return re.split("[ -]", point.method)[0]
     if point.method in ("median-cut", "harmonics"):
@@ -127,11 +127,11 @@ def error_against_time(points: Sequence[MethodMeasurement], title: str) -> Figur
 
 
 def _label_ends(axes: Axes, ends: Sequence[tuple[float, float, str]]) -> None:
-    """Names to the right of (x, y), upwards where they would overlap; the axes grow to hold them."""
+    """Names to the right of (x, y), moved up where they would overlap; the axes grow to hold them."""
     (left, right), (low, high) = np.log(axes.get_xlim()), np.log(axes.get_ylim())
     placed = [
         (np.log(x), np.log(y), 0.03 + 0.0105 * len(name), name) for x, y, name in ends
-    ]  # widths in the axes', about
+    ]  # approximate widths, as fractions of the axes
     right = max([right, *(left + (x - left) / (1 - width) for x, _, width, _ in placed)])
     axes.set_xlim(np.exp(left), np.exp(right))
     taken: list[tuple[float, float, float]] = []
@@ -160,7 +160,7 @@ def _family(point: MethodMeasurement) -> str:
 def _panels(
     points: Sequence[MethodMeasurement], title: str, label: str
 ) -> tuple[Figure, Iterator[tuple[Axes, list[list[MethodMeasurement]], list[list[MethodMeasurement]]]]]:
-    """A figure with a panel for each family of methods on common axes, and of each: the axes, its lines, the others."""
+    """A figure with a panel for each family of methods, and for each panel: its axes, its own lines, and all others."""
     families: dict[str, list[MethodMeasurement]] = {}
     for m in points:
         families.setdefault(_family(m), []).append(m)
@@ -192,9 +192,9 @@ def _panels(
 
 @plotting.plain()
 def error_against_time_all(points: Sequence[MethodMeasurement], title: str) -> Figure:
-    """Log-log, every method, in a panel for each family; the Pareto front, and read-outs at equal error and equal time.
+    """Log-log, every method, in a panel for each family; the Pareto front, and the best at equal error and equal time.
 
-    The other families' lines are grey in each panel.
+    In each panel, the lines of other families are grey.
     """
     exact = [p for p in points if p.rmse < ROUNDING]
     points = [p for p in points if p.rmse >= ROUNDING]
@@ -216,7 +216,7 @@ def error_against_time_all(points: Sequence[MethodMeasurement], title: str) -> F
             x_exact = 1e3 * m.wall_seconds
             handles.append(axes.axvline(x_exact, color="black", linewidth=1, linestyle=dashes, label=label))
         for handle in handles:
-            handle.set_label(f"_{handle.get_label()}")  # in the figure's legend alone
+            handle.set_label(f"_{handle.get_label()}")  # only in the figure's legend
     names = [str(handle.get_label())[1:] for handle in handles]
     legend = {"fontsize": 8, "title": _read_outs(points), "title_fontproperties": READ_OUT}
     figure.legend(handles, names, loc="outside right upper", **legend)
@@ -239,7 +239,7 @@ def _read_outs(points: Sequence[MethodMeasurement]) -> str:
 
 @plotting.plain()
 def error_against_count(points: Sequence[MethodMeasurement], title: str) -> Figure:
-    """Log-log, every method with its spread over the seeds, in a panel for each family; the legends have the slopes."""
+    """Log-log, every method with its spread over the seeds, in a panel for each family; slopes are in the legends."""
     several = [p for p in points if p.rmse >= ROUNDING]
     several = [p for line in _by_method(several).values() if len(line) > 1 for p in line]
     figure, panels = _panels(several, title, COUNT)
@@ -262,7 +262,7 @@ def error_against_count(points: Sequence[MethodMeasurement], title: str) -> Figu
 def stages(points: Sequence[MethodMeasurement], title: str) -> Figure:
     """A bar for each method at its least and its largest count: shares of the wall time, stacked.
 
-    They are the six stages that take most of it, all others as one, and what the host adds up to the wall time.
+    The bars show the six stages that take the most time, all others as one, and the host's share, which is the rest.
     """
     lines = _by_method(p for p in points if p.stages)
     points = [p for line in lines.values() for p in (line[:1] + line[-1:] if len(line) > 1 else line)]
@@ -277,7 +277,7 @@ def stages(points: Sequence[MethodMeasurement], title: str) -> Figure:
     bars: dict[str, list[float]] = {
         name: [of_point.get(name, 0.0) for of_point in shares] for name in total if name in most
     }
-    # From dark to light, so that they are told apart in grey too.
+    # From dark to light, so that they can be told apart in grey too.
     looks: list[dict[str, Any]] = [{"color": colour} for colour in colormaps["viridis"](np.linspace(0, 1, len(bars)))]
     if len(total) > len(most):
         bars["other stages"] = [sum(s for name, s in of_point.items() if name not in most) for of_point in shares]
@@ -305,10 +305,10 @@ def images(
     exact_of: Mapping[str, np.ndarray] | None = None,
     exposure: float | None = None,
 ) -> Figure:
-    """Every method's image over its error in false colour, beside the exact image; one scale for all errors.
+    """Every method's image above its error in false colour, beside the exact image; one scale for all errors.
 
-    Errors are against ``exact``, or by an image's name against another one in ``exact_of``. ``exposure`` is that of
-    the exact image, unless one is given.
+    Errors are against ``exact``, except for images named in ``exact_of``, which have an exact image of their own.
+    ``exposure`` is by default that of the exact image.
     """
     exposure = exposure or auto_exposure(exact)
     mask = disc_mask(len(exact))

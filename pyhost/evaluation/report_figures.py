@@ -1,6 +1,6 @@
 """The report's own figures: CDFs as pictures, and what tells bias from noise.
 
-Lines differ in style as well as in colour, and colour maps run from dark to light: all of it can be told apart in
+Lines differ in style as well as in colour, and colour maps run from dark to light, so that all can be told apart in
 grey.
 """
 
@@ -26,7 +26,7 @@ from .metrics import left_after_averaging
 
 LINES = [(BLACK, "-"), (BLUE, "--"), (VERMILLION, (0, (1.2, 1.2)))]
 SIDES = (1, 2, 4, 8, 16, 32, 64)  # pixels
-DPI = 300  # of the pictures inside: those of 511 pixels stay as sharp as they are
+DPI = 300  # of the pictures inside; those of 511 pixels lose no sharpness
 
 
 @plotting.plain()
@@ -36,7 +36,7 @@ def cdfs(distribution: Distribution) -> Figure:
     height, width = radiance.shape[:2]
     rows = _unit(memory.download(distribution.device, distribution.cdf.rows))
     marginal = _unit(memory.download(distribution.device, distribution.cdf.marginal)[None])[0]
-    # Those in which a quarter, half and three quarters of the light are reached: never black ones.
+    # The rows in which a quarter, half and three quarters of the light are reached; these are never black.
     chosen = np.searchsorted(marginal, (0.25, 0.5, 0.75))
 
     figure = Figure(figsize=(9, 5.2), layout="constrained")
@@ -49,7 +49,7 @@ def cdfs(distribution: Distribution) -> Figure:
     figure.colorbar(shown, ax=all_rows, location="bottom", shrink=0.6, aspect=40, label="P(x | y)")
     over_rows.plot(marginal, np.arange(height), color=BLACK)
     over_rows.set_title("P(y), the CDF over rows", loc="left")
-    over_rows.set_ylim(height - 0.5, -0.5)  # as the map beside it
+    over_rows.set_ylim(height - 0.5, -0.5)  # like the map beside it
     for y, (colour, style) in zip(chosen, LINES, strict=True):
         picture.axhline(y, color="white", linewidth=2.4)
         for axes in (picture, over_rows):
@@ -67,7 +67,7 @@ def cdfs(distribution: Distribution) -> Figure:
 
 
 def _unit(cdf: np.ndarray) -> np.ndarray:
-    """CDFs along the last axis, from whole numbers to 0 .. 1; those of no light are 0."""
+    """CDFs along the last axis, scaled from whole numbers to 0 .. 1; those of rows without light are 0."""
     return cdf / np.maximum(cdf[:, -1:], 1).astype(np.float64)
 
 
@@ -80,7 +80,7 @@ def bias_and_noise(
 ) -> Figure:
     """Two images of similar error: where each is too bright or too dark, and their middle rows beside the exact one.
 
-    ``exact_per_pixel`` is the exact image of ``per_pixel``, if it is another.
+    ``exact_per_pixel`` is the exact image for ``per_pixel``, if it is not ``exact``.
     """
     mask = disc_mask(len(exact))
     mean = exact[mask].mean(dtype=np.float64)
@@ -122,9 +122,9 @@ def averaging(
     exact: np.ndarray,
     exact_per_pixel: np.ndarray | None = None,
 ) -> Figure:
-    """Log-log: the error left over the side of the squares averaged over. Noise falls, a common error stays.
+    """Log-log: the error left when images are averaged over squares, by side of the squares. Noise falls, bias stays.
 
-    ``exact_per_pixel`` is the exact image of ``per_pixel``, if it is another.
+    ``exact_per_pixel`` is the exact image for ``per_pixel``, if it is not ``exact``.
     """
     figure = Figure(figsize=(9, 3.8), layout="constrained")
     axes = figure.add_subplot()
@@ -134,7 +134,7 @@ def averaging(
         for name, image in images.items():
             left = [100 * left_after_averaging(image, truth, side) for side in SIDES]
             axes.plot(SIDES, left, color=colour, linestyle=style, marker=next(markers), markersize=5, label=name)
-    # How the error of independent pixels falls, from where the last line begins.
+    # How the error of independent pixels falls, starting where the last line starts.
     axes.plot(SIDES, [left[0] / side for side in SIDES], color="0.6", linestyle=":", label="1 / side")
     axes.set_xscale("log", base=2)
     axes.set_yscale("log")

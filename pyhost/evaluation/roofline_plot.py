@@ -19,7 +19,7 @@ from .metrics import exponent
 from .roofline import AXES, Limits, StageMeasurement, extent, lines
 
 SHAPES = [*MARKERS, "d", (4, 1, 0)]
-LEAST_PEAK = 1.0  # MiB: less is a matter of which pages the allocator had at hand
+LEAST_PEAK = 1.0  # MiB; smaller peaks depend on which pages the allocator had at hand
 AXIS_LABELS = {"map": "pixels of the map", "resolution": "pixels of the image", "N": "N, samples or lights"}
 
 
@@ -33,10 +33,10 @@ def _styles(points: Sequence[StageMeasurement]) -> dict[str, dict[str, Any]]:
 
 @plotting.plain()
 def roofline(points: Sequence[StageMeasurement], limits: Limits, title: str) -> Figure:
-    """Operations per second over operations per byte, log-log: a mark for a stage's longest run, small ones for others.
+    """Operations per second over operations per byte, log-log: large marks are the longest runs, small ones others.
 
-    Numbers beside the marks are those of the legend: names would cover other marks. A hollow mark is a stage that was
-    counted as brute force, so it may lie above the roof.
+    Marks carry the legend's numbers, since names would cover other marks. A hollow mark is a stage that was counted
+    as brute force, so it may lie above the roof.
     """
     styles = _styles(points)
     figure = Figure(figsize=(12, 7), layout="constrained")
@@ -111,7 +111,7 @@ def scaling(points: Sequence[StageMeasurement], title: str) -> Figure:
             label = f"{name}: {_power(time)}, {_power(memory)}"
             handles.append(Line2D([], [], **styles[name], label=label))
         if not any(len(line.get_xdata()) for line in memories.lines):
-            memories.set_ylim(LEAST_PEAK, 1000 * LEAST_PEAK)  # a logarithmic axis needs something
+            memories.set_ylim(LEAST_PEAK, 1000 * LEAST_PEAK)  # a logarithmic axis needs limits
         for axes in (times, memories):
             axes.set_xscale("log")
             axes.set_yscale("log")

@@ -1,4 +1,4 @@
-"""The stability table as a picture: rows are cases, columns figures, light where the goal holds and dark where not."""
+"""The stability table as a picture: a row per case, a column per figure, light where the goal is met, dark if not."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ HEADS = {
     "nonfinite": "NaN\ninf",
 }
 # From light to dark also in grey; blue and orange are told apart by colour-blind readers.
-HOLDS = np.array([[1.0, 1.0, 1.0], [0.62, 0.80, 0.95]])  # far below the goal, at it
-MISSES = np.array([[0.84, 0.37, 0.0], [0.30, 0.08, 0.0]])  # just above, a million times
+HOLDS = np.array([[1.0, 1.0, 1.0], [0.62, 0.80, 0.95]])  # far below the goal, and at it
+MISSES = np.array([[0.84, 0.37, 0.0], [0.30, 0.08, 0.0]])  # just above the goal, and a million times above
 NONE = (0.93, 0.93, 0.93)
 ROW, CELL = 0.165, 0.48  # inches
 
 
 def colour(value: float | None, goal: float) -> np.ndarray:
-    """The cell's colour, RGB: by the decades between figure and goal."""
+    """The cell's colour, RGB, by the number of decades between figure and goal."""
     if value is None:
         return np.array(NONE)
     if value <= goal:
@@ -74,7 +74,7 @@ def table(results: Sequence[Result], title: str) -> Figure:
         Patch(facecolor=HOLDS[0], edgecolor="0.6", label="holds, a thousandth of the goal or less"),
         Patch(facecolor=HOLDS[1], edgecolor="0.6", label="holds, near the goal"),
         Patch(facecolor=MISSES[0], label="misses"),
-        Patch(facecolor=MISSES[1], label="misses a million times, NaN"),
+        Patch(facecolor=MISSES[1], label="misses by a factor of a million, or NaN"),
         Patch(facecolor=NONE, label="does not apply"),
     ]
     figure.legend(handles=legend, loc="lower center", ncols=len(legend), fontsize=7, frameon=False)

@@ -1,7 +1,7 @@
 """Fresnel reflectance of a smooth boundary between two transparent media.
 
-Light arrives in the medium of refractive index ``n_i`` under the angle ``theta`` from the normal and
-goes on, refracted, in the medium of index ``n_t``. With c = cos theta, s = sin theta and
+Light arrives in the medium of refractive index ``n_i`` at the angle ``theta`` from the normal and
+continues, refracted, in the medium of index ``n_t``. With c = cos theta, s = sin theta and
 
     g = n_t cos theta_t = sqrt(n_t^2 - n_i^2 s^2)            (Snell: n_i s = n_t sin theta_t)
 
@@ -10,17 +10,17 @@ the amplitudes of Born and Wolf, Principles of Optics, 7th ed., section 1.5.2, a
     r_s = (n_i c - g) / (n_i c + g)                          light polarised perpendicular (s)
     r_p = (n_t^2 c - n_i g) / (n_t^2 c + n_i g)              and parallel (p) to the plane of incidence
 
-and the reflectances are their squares. Those numerators cancel where the reflectance is small: at
-1e-7 between the indices no digit would be left. Multiplied out with the sums in the denominators they are
+and the reflectances are their squares. The numerators cancel where the reflectance is small: with indices
+1e-7 apart, no digit would be left. With numerators and denominators multiplied by the denominators, they are
 
     r_s = (n_i^2 - n_t^2) / (n_i c + g)^2
     r_p = (n_t^2 - n_i^2) (n_t c - n_i s) (n_t c + n_i s) / (n_t^2 c + n_i g)^2
 
-and these are what is computed here: every square difference is a product, and what cancellation
-is left, at Brewster's and the critical angle, is no more than a last-digit change of theta would cause.
+and these are computed here. Every difference of squares is written as a product. The cancellation that is
+left, at Brewster's angle and the critical angle, is no more than a change in theta's last digit would cause.
 
-:func:`schlick` is the approximation that most renderers use, :func:`schlick_error` how far off it is,
-and :func:`summarise` the few numbers that characterise a material in air.
+:func:`schlick` is the approximation that most renderers use, :func:`schlick_error` says how far off it is,
+and :func:`summarise` gives the few numbers that characterise a material in air.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def _indices(n_i: ArrayLike, n_t: ArrayLike) -> tuple[Array, Array]:
 
 
 def _pair(n_i: float, n_t: float) -> tuple[float, float]:
-    """The same of two numbers."""
+    """:func:`_indices` of two single numbers."""
     a, b = _indices(n_i, n_t)
     if a.ndim or b.ndim:
         raise LightdomeError(f"a refractive index must be one number here, got an array of shape {a.shape or b.shape}")
@@ -83,7 +83,7 @@ def _pair(n_i: float, n_t: float) -> tuple[float, float]:
 
 def _g_squared(c: Array, s: Array, n_i: Array, n_t: Array) -> Array:
     """n_t^2 - n_i^2 s^2; not positive where no light gets through."""
-    # The smaller of c and s carries the angle best: sin says nothing close to 90 degrees, cos nothing at 0.
+    # The smaller of c and s determines the angle best: sin hardly changes near 90 degrees, and cos hardly near 0.
     return np.where(s < c, (n_t - n_i * s) * (n_t + n_i * s), (n_t - n_i) * (n_t + n_i) + (n_i * c) ** 2)
 
 
@@ -94,13 +94,13 @@ def fresnel(theta: ArrayLike, n_i: ArrayLike, n_t: ArrayLike) -> tuple[Array, Ar
     of the incident and of the transmitted light, finite and above 0. The three broadcast; both results are
     float64, have the common shape, and lie in [0, 1].
 
-    Accuracy, for ratios of the indices from 1e-150 to 1e150: each value is exact to a relative 3e-15 for
-    an angle within two units in the last place of the given one. That shift is felt only next to the
-    critical angle, where the reflectance rises with an infinite slope, and in R_p next to Brewster's
-    angle, where it is zero. Under total internal reflection the value is 1 exactly.
+    Accuracy, for ratios of the indices from 1e-150 to 1e150: each value is, to a relative 3e-15, the exact
+    one for some angle within two units in the last place of the given angle. That shift matters only next
+    to the critical angle, where the reflectance rises with an infinite slope, and for R_p next to Brewster's
+    angle, where it is zero. Under total internal reflection the value is exactly 1.
 
-    The float64 nearest to pi/2 stands for 90 degrees, where every boundary reflects all the light: 1
-    exactly. Equal indices are no boundary: 0 at every angle, 90 degrees included.
+    The float64 nearest to pi/2 stands for 90 degrees, where every boundary reflects all the light: exactly
+    1. Equal indices make no boundary: 0 at every angle, 90 degrees included.
 
     Raises :class:`LightdomeError` for an angle or an index out of range.
     Source: Born and Wolf, section 1.5.2, rearranged as the head of this module says.
@@ -110,8 +110,8 @@ def fresnel(theta: ArrayLike, n_i: ArrayLike, n_t: ArrayLike) -> tuple[Array, Ar
     c, s = np.cos(theta), np.sin(theta)
     difference = (n_t - n_i) * (n_t + n_i)
     g_squared = _g_squared(c, s, n_i, n_t)
-    # n_t c - n_i s. Far apart indices put its zero next to that of g, at a small angle: then both are
-    # taken from the same n_t - n_i s, so that its rounding shifts the two zeros by the same angle.
+    # n_t c - n_i s. If the indices are far apart, its zero is next to that of g, at a small angle. Both are
+    # then computed from the same n_t - n_i s, whose rounding shifts the two zeros by the same angle.
     at_brewster = np.where(s < c, (n_t - n_i * s) - n_t * 2 * np.sin(theta / 2) ** 2, n_t * c - n_i * s)
     everything = (g_squared <= 0) | ((theta == RIGHT_ANGLE) & (n_i != n_t))
 
@@ -165,7 +165,7 @@ def brewster_angle(n_i: float, n_t: float) -> float | None:
 def critical_angle(n_i: float, n_t: float) -> float | None:
     """The angle of incidence in radians beyond which all light is reflected, asin(n_t / n_i).
 
-    None where there is none, n_t >= n_i. Errors as in :func:`normal_reflectance`.
+    None for n_t >= n_i, where there is none. Errors as in :func:`normal_reflectance`.
     """
     a, b = _pair(n_i, n_t)
     # As an arc tangent: asin loses half of the digits where the indices are nearly equal.
@@ -176,8 +176,8 @@ def schlick(theta: ArrayLike, r0: ArrayLike) -> Array:
     """Schlick's approximation of the unpolarised reflectance, r0 + (1 - r0) (1 - cos theta)^5.
 
     ``theta``: angle in radians, 0 to pi/2; ``r0``: reflectance at normal incidence, 0 to 1. They broadcast.
-    Meant for light that enters a denser medium. Light that leaves one is approximated as well only if
-    theta is the angle of the transmitted light, and the value 1 is used beyond the critical angle.
+    It is meant for light that enters a denser medium. For light that leaves one, it is as good only if theta
+    is the angle of the transmitted light, and the reflectance beyond the critical angle is taken as 1.
 
     Raises :class:`LightdomeError` for an angle or a reflectance out of range.
     Source: Schlick, An Inexpensive BRDF Model for Physically-based Rendering (1994).
@@ -207,16 +207,16 @@ class SchlickError:
 def schlick_error(n_i: float, n_t: float) -> SchlickError:
     """The largest absolute error of Schlick's approximation over all angles of incidence, 0 to 90 degrees.
 
-    Compared are :func:`schlick` of the angle of incidence, with r0 from normal incidence, and
-    :func:`unpolarised`. The error is found to about 1e-15, the angle, as of any flat maximum, to 1e-8 or so.
+    The error is that of :func:`schlick` of the angle of incidence, with r0 from normal incidence, against
+    :func:`unpolarised`. It is accurate to about 1e-15; its angle, as at any flat maximum, to about 1e-8.
     Errors as in :func:`normal_reflectance`.
     """
     a, b = _pair(n_i, n_t)
     thin, dense = min(a, b), max(a, b)
     r0 = normal_reflectance(a, b)
 
-    # Searched is the angle on the thinner side: it runs from 0 to 90 degrees whichever way the light goes,
-    # and the reflectance is the same function of it both ways. Beyond a critical angle the error only
+    # The search is over the angle on the thinner side: it runs from 0 to 90 degrees whichever way the light
+    # goes, and the reflectance is the same function of it both ways. Beyond a critical angle the error only
     # shrinks: the reflectance stays 1 and the approximation rises towards it.
     def incidence(thin_side: Array) -> Array:
         return thin_side if a == thin else refraction_angle(thin_side, thin, dense)
@@ -224,7 +224,7 @@ def schlick_error(n_i: float, n_t: float) -> SchlickError:
     def error(thin_side: Array) -> Array:
         return np.abs(schlick(incidence(thin_side), r0) - unpolarised(thin_side, thin, dense))
 
-    # Each peak of a grid is looked at again with a finer one between its neighbours, and so on.
+    # Each peak of a grid is searched again on a finer grid between its neighbours, and so on.
     grid = np.linspace(0, RIGHT_ANGLE, 1001)
     values = error(grid)
     padded = np.pad(values, 1, constant_values=-1)
@@ -246,9 +246,9 @@ def schlick_error(n_i: float, n_t: float) -> SchlickError:
 class Summary:
     """What characterises the reflection of a material of index ``eta`` in air (index 1).
 
-    Entering is from air into the material, leaving from the material into air. Angles are angles of
-    incidence in degrees, None where there is no such angle: no critical angle into the denser medium,
-    and neither angle at eta = 1. The errors of Schlick's approximation are those of :func:`schlick_error`.
+    Entering is from air into the material, leaving is from the material into air. Angles are angles of
+    incidence in degrees, or None if there is no such angle: there is no critical angle into the denser
+    medium, and neither angle at eta = 1. Errors of Schlick's approximation are those of :func:`schlick_error`.
     """
 
     eta: float

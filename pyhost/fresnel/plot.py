@@ -1,13 +1,13 @@
-"""Figures of Fresnel reflectance and of Schlick's approximation, with their characteristic points named.
+"""Figures of Fresnel reflectance and of Schlick's approximation, with their characteristic points labelled.
 
 :func:`fresnel_figure` shows both polarisations and unpolarised light for one direction through a
 boundary, :func:`schlick_figure` the approximation beside the exact curve and their difference; :func:`save`
 writes a figure as PNG and SVG. Lines differ in colour (Okabe and Ito's palette, safe for colour-blind
 readers), in style and in width, so that they also differ in grey.
 
-Labels stand in margins below and above the curves, and beside the critical angle on the side that has more room: no
-curve runs there for indices from 1.05 to 4.
-No pyplot: figures are plain objects, no window opens, and no state is left behind.
+Labels stand in margins below and above the curves, and beside the critical angle on the side that has more room. For
+indices from 1.05 to 4, no curve runs there. pyplot is not used: figures are plain objects, no window opens, and no
+state is left behind.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from .equations import (
 
 DPI = 150
 GREY = "#E6E6E6"
-BELOW = -0.14  # where labels stand below curves of reflectance
+BELOW = -0.14  # the height of labels below curves of reflectance
 
 _STYLE = {
     "figure.dpi": DPI,
@@ -60,7 +60,7 @@ _STYLE = {
 def _label(
     ax: Axes, text: str, point: tuple[float, float], at: tuple[float, float], align: str, relpos: tuple[float, float]
 ) -> None:
-    """Mark ``point``, and write ``text`` ``at`` another, with an arrow from ``relpos`` of its box; data coordinates."""
+    """Mark ``point``, and write ``text`` at the point ``at``, with an arrow from ``relpos`` of its box."""
     arrow = {"arrowstyle": "-|>", "color": BLACK, "linewidth": 0.9, "shrinkA": 2, "shrinkB": 3, "relpos": relpos}
     look: dict[str, Any] = {"ha": align, "va": "center", "fontsize": 10.5, "linespacing": 1.35, "zorder": 6}
     ax.annotate(text, point, at, arrowprops=arrow, **look)
@@ -68,7 +68,7 @@ def _label(
 
 
 def _label_beside(ax: Axes, text: str, point: tuple[float, float], y: float) -> None:
-    """The same at the height ``y``, to the left of a point in the right half, to the right of one in the left half."""
+    """Label ``point`` at the height ``y``, to the left of a point in the right half, else to the right."""
     if point[0] > 45:
         _label(ax, text, point, (point[0] - 3, y), "right", (1, 0.5))
     else:
@@ -80,16 +80,16 @@ def _label_normal_incidence(ax: Axes, equals: str, r0: float) -> None:
 
 
 def _angles(n_i: float, n_t: float) -> np.ndarray:
-    """Angles of incidence in radians that draw every bend of the curves for this boundary."""
+    """Angles of incidence in radians, dense enough to draw every bend of the curves for this boundary."""
     even = np.linspace(0, RIGHT_ANGLE, 1001)
     marks = [a for a in (brewster_angle(n_i, n_t), critical_angle(n_i, n_t)) if a is not None]
-    if n_i > n_t:  # infinitely steep below the critical angle: close ranks there
+    if n_i > n_t:  # curves are infinitely steep at the critical angle, so more angles are needed there
         marks += list(refraction_angle(even, n_t, n_i))
     return np.union1d(even, marks)
 
 
 def _g(value: float, digits: int) -> str:
-    """A number with that many digits, and with a power of ten as mathematics writes it."""
+    """A number with this many digits; a power of ten is written as in mathematics."""
     mantissa, _, exponent = f"{value:#.{digits}g}".partition("e")
     return rf"${mantissa} \times 10^{{{int(exponent)}}}$" if exponent else mantissa
 
@@ -130,13 +130,13 @@ def _shade_total_reflection(ax: Axes, critical: float | None) -> None:
 
 
 def _label_critical_angle(ax: Axes, critical: float | None, more: str = "") -> None:
-    """Name the critical angle, and the total reflection beyond it."""
+    """Label the critical angle, and the total reflection beyond it."""
     if critical is None:
         return
     start = np.degrees(critical)
     _label_beside(ax, f"critical angle {_degrees(critical)}{more}", (start, 1), 0.87)
     if start < 73:
-        # Up here, where Schlick's curve comes last. Below the label of a critical angle that is not to the left.
+        # Near the top, which Schlick's curve reaches last; lower if the critical angle's label is on this side.
         look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 10.5, "linespacing": 1.35}
         ax.text((start + 90) / 2, 0.87 if start > 45 else 0.65, "total internal\nreflection", **look)
 
@@ -175,7 +175,7 @@ def schlick_figure(n_i: float, n_t: float, from_name: str = "side i", to_name: s
 
     Arguments and errors as in :func:`fresnel_figure`. R0 and the largest absolute error are marked. For
     light that leaves the denser side the approximation is drawn twice: with the angle of incidence, as
-    compared, and with the angle of the transmitted light, which mends it.
+    :func:`schlick_error` does, and with the angle of the transmitted light, which corrects it.
     """
     with plotting.plain(**_STYLE):
         theta = _angles(n_i, n_t)
@@ -209,22 +209,22 @@ def schlick_figure(n_i: float, n_t: float, from_name: str = "side i", to_name: s
         below.set_ylabel("Schlick minus exact")
         lowest = min(float(np.min(d)) for _, d in differences)
         highest = max(float(np.max(d)) for _, d in differences)
-        margin = max(0.22 * (highest - lowest), 1e-6)  # for labels; and rounding errors shall not look like a result
+        margin = max(0.22 * (highest - lowest), 1e-6)  # for labels; and rounding errors must not look like a result
         below.set_ylim(lowest - margin, highest + margin)
         figure.align_ylabels()
 
         _label_normal_incidence(above, "$R_0$", r0)
         _label_critical_angle(above, critical)
 
-        # Above the curves, or one above and one below.
+        # Labels stand above the curves, or one above and one below.
         high, low = highest + margin / 2, lowest - margin / 2
-        # Where both are drawn, each says which of them it is the largest error of.
+        # If both curves are drawn, each label says whose largest error it is.
         which = "largest absolute error" if critical is None else "incident angle: at most"
         text = f"{which} {_g(worst.absolute, 4)} at {_degrees(worst.theta, 4)}"
         at = (np.degrees(worst.theta), worst.schlick - worst.exact)
         _label_beside(below, text, at, high if critical is None else low)
         if critical is not None:
-            # The same rays the other way: same reflectance, same angle in Schlick's formula, same error.
+            # The same rays in the other direction: same reflectance, same angle in Schlick's formula, same error.
             other = schlick_error(n_t, n_i)
             angle = float(refraction_angle(other.theta, n_t, n_i))
             text = f"transmitted angle: at most {_g(other.absolute, 4)} at {_degrees(angle, 4)}"

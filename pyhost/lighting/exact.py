@@ -1,4 +1,4 @@
-"""The image of the diffuse sphere under a whole map: every pixel of the map once, as its centre or as an area.
+"""The image of the diffuse sphere under a whole map: every pixel of the map counts once, as its centre or as an area.
 
 The conventions of camera and image are those of :mod:`lightdome.lighting.shade`. Kernels: ``arc_sums.cl`` with
 ``exact.cl`` or ``exact_areas.cl``.
@@ -22,8 +22,8 @@ from ..progress import Progress
 from ..sampling.device_map import DeviceMap
 from .horizon import LEAST_SHAPE, area_moments, horizon_tables
 
-# The image is summed over bands of map rows: 64 rows at most in single precision, the sum of these in double words.
-ARCS_ROWS = 64  # most in a band, but for centres on a GPU
+# The image is summed over bands of map rows: at most 64 rows in single precision, and the bands' sums in double words.
+ARCS_ROWS = 64  # most in a band, except for centres on a GPU
 ARCS_BYTES = 2**22  # most for a band's prefix sums: about a second-level cache
 GPU_ARCS_BYTES = 2**26  # the same on a GPU
 GPU_PATCH = 16, 16  # pixels of a group, see clkernels/lighting/sphere.clh
@@ -35,7 +35,7 @@ KERNELS = {"centres": "lighting/exact", "areas": "lighting/exact_areas"}  # they
 def exact_kept(
     device: Device, envmap: EnvironmentMap, resolution: int = 511, pixels: Literal["centres", "areas"] = "centres"
 ) -> np.ndarray:
-    """:func:`exact` with albedo 1; from the cache on disk, if the same kernels have summed the same map before."""
+    """:func:`exact` with albedo 1; read from the disk cache if the same kernels have summed the same map before."""
     checks.instance("the device", device, Device)
     checks.instance("the map", envmap, EnvironmentMap)
     resolution = check_resolution(resolution)
@@ -62,7 +62,7 @@ def exact(
     - ``areas``: a pixel of the map is an area of constant radiance, which the horizon may cut. The estimators ``bsdf``
       and ``mis`` converge to it, and the others with ``within="pixel"``. About three times the work.
 
-    They differ, in both directions, by a fraction of the image's maximum that falls as 1 / H, where H is the map's
+    The two differ, with both signs, by a fraction of the image's maximum that falls as 1 / H, where H is the map's
     height: by about 5 % under one lamp on 16 x 8 pixels. For an R x R image the time grows with R^2 H, or R^2 (H + W)
     for ``areas``, plus the map's pixels, rather than with R^2 times the map's pixels. A map that is already on the
     device, such as ``Distribution.map``, is not uploaded again. See :func:`shade` for the image. Raises

@@ -1,7 +1,7 @@
-"""Irradiance by spherical harmonics: the analytic comparison, smooth, without any sample.
+"""Irradiance by spherical harmonics: a smooth, analytic image to compare with, which needs no samples.
 
 A map's radiance is projected onto the real orthonormal harmonics Y_lm; the clamped cosine, which is a zonal
-filter, scales each order l by A_l. Nine coefficients (order 2) come within about 3 % of the exact image of
+filter, scales each degree l by A_l. Nine coefficients (order 2) come within about 3 % of the exact image of
 Grace and of the default map; orders 18 and 24 within 0.1 %. A_l falls as l^(-5/2), and all odd A_l beyond
 l = 1 are 0. The image of few coefficients can be negative where the true one is dark; it is left so, since
 clamping would hide the error and shift the mean.
@@ -39,8 +39,8 @@ SEPARATE_CHANNELS = "separate channels", "harmonics of grey maps are computed as
 class Harmonics:
     """Radiance of a map up to ``order``: ``coefficients`` is ((order + 1)^2, 3) float64, L_lm in row l^2 + l + m.
 
-    It is read-only. ``Harmonics(coefficients)`` copies it and raises :class:`LightdomeError` for another shape, and for
-    values that are not finite. Harmonics are equal where their coefficients are; they cannot be hashed.
+    The array is read-only. ``Harmonics(coefficients)`` copies it and raises :class:`LightdomeError` for another shape,
+    and for values that are not finite. Harmonics are equal if their coefficients are; they cannot be hashed.
     """
 
     coefficients: np.ndarray
@@ -76,7 +76,7 @@ class Harmonics:
         return checks.made(Harmonics, coefficients=self.coefficients[: (order + 1) ** 2])
 
     def rotated(self, yaw: float, pitch: float = 0.0, roll: float = 0.0) -> Harmonics:
-        """The same light after the world turned, as by :meth:`lightdome.EnvironmentMap.rotated`, to float64's accuracy.
+        """The same light, turned as :meth:`lightdome.EnvironmentMap.rotated` turns a map, to float64's accuracy.
 
         The rotated function of each degree l is projected by a quadrature that is exact for it: Gauss-Legendre in y,
         equal steps in azimuth. Raises :class:`LightdomeError` for an angle that is not finite, and for an order above
@@ -212,7 +212,7 @@ def shade_harmonics(device: Device, harmonics: Harmonics, resolution: int = 511,
 
 
 def _legendre(order: int, cosine: np.ndarray, sine: np.ndarray) -> Iterator[tuple[int, int, np.ndarray]]:
-    """Yield l, m >= 0 and Y_lm's function of the polar angle, p_lm sin^m(theta), (N,), for every l up to ``order``."""
+    """Yield l, m >= 0 and the polar part of Y_lm, p_lm sin^m(theta), (N,), for every l up to ``order``."""
     a, b = _recurrence(order)
     for m in range(order + 1):
         p, p_before = np.zeros(len(cosine)), np.zeros(len(cosine))

@@ -1,8 +1,8 @@
-"""Where a normal's horizon cuts the pixels of a map, and how much light passes: the tables of ``exact_areas.cl``.
+"""Where a normal's horizon cuts the pixels of a map, and how much light gets past: the tables of ``exact_areas.cl``.
 
 Let n_y be the y of a normal, s = sqrt(1 - n_y^2), and u an azimuth relative to the normal's. On the meridian u the
 horizon lies at cot(theta*) = -s cos(u) / n_y. If n_y > 0, theta* falls from u = 0 to u = pi; if n_y < 0, everything is
-turned upside down. Through its meridian u, the row theta_0 .. theta_1 of the map sends
+mirrored upside down. On the meridian u, the row theta_0 .. theta_1 of the map sends
 
     G(u) = integral of max(0, s cos(u) sin(theta) + n_y cos(theta)) sin(theta) over the row
 
@@ -19,16 +19,16 @@ from __future__ import annotations
 
 import numpy as np
 
-# A map of fewer rows or columns has its pixels split: a column is then short enough for a polynomial, and what the
-# horizon cuts is little beside the rest.
+# Maps with fewer rows or columns get their pixels split: a column is then short enough for a polynomial, and what the
+# horizon cuts is little compared with the rest.
 LEAST_SHAPE = (64, 512)
-POLES = 4  # a piece is at most 1 / POLES as long as its distance from the nearest pole of theta*, a complex function
+POLES = 4  # a piece is at most 1 / POLES as long as its distance from the nearest pole of theta* in the complex plane
 
 
 def area_moments(height: int, width: int) -> np.ndarray:
-    """Integrals over the pixels of a row of sin(theta) cos(phi - phi_centre) and of cos(theta), over their solid angle.
+    """The means of sin(theta) cos(phi - phi_centre) and of cos(theta) over the solid angle of a pixel of each row.
 
-    (H, 2) float32: the counterpart for areas of :func:`lightdome.maps.geometry.sine_cosine`, which is for centres.
+    (H, 2) float32: for areas what :func:`lightdome.maps.geometry.sine_cosine` is for centres.
     """
     edge, column = _edges(height), np.pi / width
     sine_squared, sine_cosine = _moments(edge[:-1], edge[1:])
@@ -43,7 +43,7 @@ def horizon_tables(
     """I(u) / pi for the R rows of an image and the rows first .. first + count - 1 of a map of at least 512 columns.
 
     - ``bounds``: (R, count, 4) float32: h_0 and h_1 in columns, the pieces per column from h_0 on, and their number m.
-      A row that is dark has h_1 = 0, one that is seen whole has h_0 = W / 2; they have no pieces.
+      A row that is not seen has h_1 = 0, and one that is seen whole has h_0 = W / 2; they have no pieces.
     - ``start``: (R, count) uint32, the first of a row's polynomials
     - ``polynomials``: (P, 8) float32, m for the pieces and one for the column before h_0: 7 coefficients in t, from the
       constant up, where t runs from 0 at the larger u to 1; and 1 / the piece's length in columns
@@ -61,8 +61,8 @@ def horizon_tables(
     pieces = np.where(cut, np.floor((h_1 - h_0) / column * a_column) + 1, 0)
     bounds = np.stack([h_0 / column, h_1 / column, a_column, pieces], axis=2).astype(np.float32)
 
-    # Nodes, by growing u: the ends of the pieces. With each but the last comes the piece that follows, and with the
-    # last, at h_1, the column before h_0.
+    # Nodes are the ends of the pieces, in the order of u. Each node but the last stands for the piece that follows it,
+    # and the last one, at h_1, for the column before h_0.
     nodes = np.where(cut, pieces + 1, 0).astype(np.int64)
     start = np.cumsum(nodes).reshape(nodes.shape) - nodes
     row = np.repeat(np.arange(nodes.size), nodes.ravel())
@@ -102,7 +102,7 @@ def _half_arc(s: np.ndarray, b: np.ndarray, theta: np.ndarray) -> np.ndarray:
 
 
 def _column(s: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray, h_0: np.ndarray) -> np.ndarray:
-    """Taylor's series of I(h_0 - d) - I(h_0) = p sin(d) + q (1 - cos(d)) + r d: coefficients of d to d^5, (N, 5)."""
+    """The Taylor series of I(h_0 - d) - I(h_0) = p sin(d) + q (1 - cos(d)) + r d: coefficients of d to d^5, (N, 5)."""
     sine_squared, sine_cosine = _moments(low, high)
     p, q = s * sine_squared * np.cos(h_0), s * sine_squared * np.sin(h_0)
     return np.stack([p + b * sine_cosine, q / 2, -p / 6, -q / 24, p / 120], axis=1)
@@ -113,14 +113,14 @@ def _pieces(
 ) -> np.ndarray:
     """Coefficients of t to t^6, (N, 6), of the integrals from node piece + 1 of u, t = 0, to node piece, t = 1.
 
-    They are those of the quintic that shares G, G' and G'' with G at both nodes.
+    The integrand is the quintic that has the values of G, G' and G'' at both nodes.
     """
     c, slope = s * np.cos(u), s * np.sin(u)
     r = np.maximum(np.hypot(b, c), 1e-200)
     sine, cosine = b / r, -c / r  # of theta*
     t = np.arctan2(b, -c) - low
     sine_t, cosine_t = np.sin(t), np.cos(t)
-    # The integral of sin(theta)^2 from `low` to theta*; then G in terms that do not cancel, and its derivatives by -u.
+    # The integral of sin(theta)^2 from `low` to theta*; then G in terms that do not cancel, and its derivatives in -u.
     sine_squared = (t - sine_t * (np.cos(low) * cosine - np.sin(low) * sine)) / 2
     g = r / 2 * (sine * sine_t**2 + cosine * (sine_t * cosine_t - t))
     g_1 = slope * sine_squared

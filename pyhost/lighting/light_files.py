@@ -1,11 +1,11 @@
 """Files of lights for other programs: tables, scenes of renderers, and scenes of tools for artists.
 
-Each format holds directional lights in its program's own axes and units, and says both at its head. What a program
-calls the strength of such a light is the irradiance of a surface that faces it, so it is the light's flux, in the
-map's unit: radiance x steradian. A map's radiance has no absolute unit; where a program expects lux, one unit of
-radiance is taken for one cd/m^2.
+Each format holds directional lights in its program's own axes and units, and states both at the top. The strength of
+such a light is the irradiance of a surface that faces it. That is the light's flux, in the map's unit: radiance x
+steradian. A map's radiance has no absolute unit; where a program expects lux, one unit of radiance is taken as one
+cd/m^2.
 
-- csv, json: +y is up, and directions point towards the lights; float64's range
+- csv, json: +y is up, and directions point towards the lights; fluxes may have float64's range
 - pbrt: ``LightSource "distant"``, for PBRT-v3 and PBRT-v4; +y is up
 - mitsuba: ``<emitter type="directional">``; +y is up, and directions point away from the lights
 - gltf: ``KHR_lights_punctual``; +y is up, and a light shines along the -z of its node
@@ -40,7 +40,7 @@ LUX = f"color x intensity is the irradiance {OF}, or lux if its radiance is in c
 
 
 def write_lights(path: str | Path, lights: Lights, format: str | None = None) -> None:
-    """Write the lights as ``format``, one of :data:`lightdome.names.LIGHT_FORMATS`, by default that of the suffix.
+    """Write the lights as ``format``, one of :data:`lightdome.names.LIGHT_FORMATS`; by default the suffix decides.
 
     Lights without flux are skipped, and so are those whose flux is 0 in the program's float32. Numbers have nine
     digits, as many as a float32 needs. Raises :class:`LightdomeError` if neither ``format`` nor the suffix says which
@@ -91,8 +91,8 @@ def light_format(path: Path, format: str | None) -> str:
         if path.suffix.lower() == suffix:
             return name
     raise LightdomeError(
-        f"the suffix of {path} says no format of lights; end the name in one of {', '.join(LIGHT_FORMATS.values())},"
-        f" or say which of {', '.join(LIGHT_FORMATS)} it is (--format)"
+        f"the suffix of {path} names no format of lights; end the name in one of {', '.join(LIGHT_FORMATS.values())},"
+        f" or give the format (--format), one of {', '.join(LIGHT_FORMATS)}"
     )
 
 
@@ -274,11 +274,11 @@ def _intensity_and_color(flux: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _rotations(direction: np.ndarray) -> np.ndarray:
-    """Quaternions (N, 4), w first, that turn +z to ``direction`` by the shortest way: (w, x, y, 0)."""
+    """Quaternions (N, 4), w first, that turn +z to ``direction`` the shortest way: (w, x, y, 0)."""
     x, y, z = direction.T
     across = np.hypot(x, y)
     half = np.arctan2(across, z) / 2
     axis = np.stack([-y, x, np.zeros_like(x)], axis=1)
-    axis[across == 0] = (1, 0, 0)  # up or down the z-axis, any will do
+    axis[across == 0] = (1, 0, 0)  # along the z-axis, any axis will do
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
     return np.concatenate([np.cos(half)[:, None], np.sin(half)[:, None] * axis], axis=1)

@@ -21,7 +21,7 @@ from ..sampling.samples import Samples
 
 @dataclass(frozen=True, eq=False)
 class Light:
-    """One of :class:`Lights`: ``direction`` and ``flux``, (3,) both."""
+    """One of :class:`Lights`: its ``direction`` and its ``flux``, both (3,)."""
 
     direction: np.ndarray
     flux: np.ndarray
@@ -32,15 +32,14 @@ class Lights:
     """N directional lights.
 
     - ``direction``: (N, 3) float32, unit vectors towards the lights
-    - ``flux``: (N, 3) float64, RGB, what each light stands for: radiance x steradian
+    - ``flux``: (N, 3) float64, RGB, in radiance x steradian
 
     A surface with normal n receives the irradiance sum of flux max(0, n . direction). The arrays are read-only.
     ``Lights(direction, flux)`` copies them and raises :class:`LightdomeError` for directions that are not unit
     vectors, and for fluxes that are negative or not finite.
 
-    ``lights[3]`` is a :class:`Light`, and iteration yields them. ``lights[:5]``, or an array of indices or of truth
-    values, gives Lights whose fluxes stay as they are. Lights are equal where all of their content is; they cannot be
-    hashed.
+    ``lights[3]`` is a :class:`Light`, and iteration yields them. ``lights[:5]``, or an array of indices or of booleans,
+    gives Lights whose fluxes stay as they are. Lights are equal if all of their content is; they cannot be hashed.
     """
 
     direction: np.ndarray
@@ -84,7 +83,7 @@ class Lights:
         return checks.made(cls, direction=samples.direction, flux=samples.flux)
 
     def rotated(self, yaw: float, pitch: float = 0.0, roll: float = 0.0) -> Lights:
-        """The lights after the world turned, as by :meth:`lightdome.EnvironmentMap.rotated`; their fluxes stay.
+        """The lights, turned as :meth:`lightdome.EnvironmentMap.rotated` turns a map; their fluxes do not change.
 
         For samples, rotate ``Lights.of(samples)``: their pixels are those of the map that they came from. Raises
         :class:`LightdomeError` for an angle that is not finite.

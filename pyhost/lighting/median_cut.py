@@ -1,15 +1,15 @@
-"""Median cut: N lights that carry the map's energy in equal parts, without chance and so without variance.
+"""Median cut: N lights that carry equal parts of the map's energy. Nothing is random, so there is no variance.
 
 The map is cut into N rectangles of equal energy, and each becomes one light with the rectangle's whole
 flux, in the direction of its centroid. Source: Debevec, A Median Cut Algorithm for Light Probe
 Sampling (2005). It extends the paper:
 
 - N need not be a power of two: a region for n lights is cut at floor(n / 2) / n of its energy, and its parts
-  share the n lights by what they hold. For powers of two these are the paper's medians.
-- A pixel can hold more than 1 / N of the energy. It becomes a light of its own, and counts in the cuts as one share
-  only, so that the other lights remain for the rest of the map.
-- The centroid is that of directions in space, not of angles: the poles are nothing special to it, and from 64 lights on
-  the error of the image was 4 to 26 % smaller.
+  share the n lights in proportion to their energy. For powers of two these are the paper's medians.
+- A pixel can hold more than 1 / N of the energy. It becomes a light of its own, and counts in the cuts as only one
+  share, so that the other lights are left for the rest of the map.
+- The centroid is that of directions in space, not of angles, so the poles need no special care. From 64 lights on, the
+  error of the image was 4 to 26 % smaller.
 - A region's width is measured where it is nearest to the equator, and so widest.
 
 Energy is summed in 64-bit integers: sums over regions are exact on every map, and every device makes the same cuts.
@@ -37,8 +37,8 @@ UNCAPPED = 2**63 - 1
 def median_cut(distribution: Distribution, count: int) -> Lights:
     """The lights of :func:`regions`, in their order.
 
-    Fluxes add up to that of the map. A region whose light comes from all sides alike has no centroid;
-    its light comes from above. Raises :class:`LightdomeError` as :func:`regions` does.
+    Fluxes add up to that of the map. A region whose light comes equally from all sides has no centroid; its light is
+    then placed at the top, +y. Raises :class:`LightdomeError` as :func:`regions` does.
     """
     checks.instance("the distribution", distribution, Distribution)
     device, of_map = distribution.device, distribution.map
@@ -62,7 +62,7 @@ def median_cut(distribution: Distribution, count: int) -> Lights:
         sum=sums,
     )
 
-    # The host applies the factors that a row has in common, in float64.
+    # The host applies the factors that are the same for a whole row, in float64.
     light = memory.download(device, sums).astype(np.float64) * of_map.solid_angles[y, None]
     theta = of_map.row_angles[y]
     moment = np.stack(
@@ -80,8 +80,8 @@ def regions(distribution: Distribution, count: int) -> np.ndarray:
     """Cut the map into ``count`` rectangles of equal energy: (count, 4) int64.
 
     Each is (x0, y0, x1, y1): columns x0 to x1 - 1, rows y0 to y1 - 1. They cover the map, none overlaps another
-    and none is black; a map with fewer lit pixels than ``count`` is cut into one region for each. Energies are as
-    equal as pixels permit, where a pixel above the equal share counts as that share.
+    and none is black; a map with fewer lit pixels than ``count`` is cut into one region for each. Energies are as equal
+    as the pixels allow; a pixel that holds more than an equal share counts as one share.
 
     Raises :class:`LightdomeError` if the map is black or ``count`` is not from 1 to 4194304.
     """
@@ -108,7 +108,7 @@ def regions(distribution: Distribution, count: int) -> np.ndarray:
 
 
 def _table(distribution: Distribution, count: int) -> tuple[DeviceArray, DeviceArray, int]:
-    """Summed-area tables of capped energy and of lit pixels; and ``count``, or the number of lit pixels if fewer."""
+    """Summed-area tables of capped energy and of lit pixels; and ``count``, at most the number of lit pixels."""
     device, of_map = distribution.device, distribution.map
     height, width = of_map.height, of_map.width
     energy = memory.empty(device, (height, width), np.uint64)

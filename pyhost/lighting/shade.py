@@ -31,7 +31,7 @@ SAMPLES_PER_ROW = 320  # samples per map row above which shading the summed map 
 
 
 class HasLights(Protocol):
-    """What has a ``direction`` and a ``flux`` for each of N lights, as :class:`Lights` and :class:`Samples` have."""
+    """Anything with a ``direction`` and a ``flux`` for each of N lights: :class:`Lights`, :class:`Samples`."""
 
     @property
     def direction(self) -> np.ndarray:
@@ -53,13 +53,13 @@ def shade(
     """Light the sphere with N directional lights: the image is (R, R, 3) float32, radiance.
 
     - ``direction``: (N, 3) unit vectors towards the lights; or lights, which have both directions and fluxes
-    - ``flux``: (N, 3) what each stands for, radiance x steradian; left out if ``direction`` is lights
-    - ``brute_force``: evaluate every pair of pixel and light, for comparison; the image is the same
+    - ``flux``: (N, 3) radiance x steradian, of each light; left out if ``direction`` is lights
+    - ``brute_force``: evaluate every pair of pixel and light, for comparison; the image is the same up to rounding
 
-    A pixel is albedo / pi times the sum of flux max(0, n . direction); outside the disc it is 0. What exceeds
-    float32's largest number becomes that number.
+    A pixel is albedo / pi times the sum of flux max(0, n . direction); outside the disc it is 0. Values above float32's
+    largest number become that number.
     Raises :class:`LightdomeError` for a resolution outside 1 to 16384, an albedo that is negative or not finite,
-    directions that are not unit vectors, fluxes that are negative or not finite, and a flux given beside lights.
+    directions that are not unit vectors, fluxes that are negative or not finite, and a flux given as well as lights.
     """
     checks.instance("the device", device, Device)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
@@ -67,7 +67,7 @@ def shade(
     has_lights = hasattr(direction, "direction") and hasattr(direction, "flux")
     if has_lights and flux is not None:
         raise LightdomeError(
-            f"lights have a flux of their own, got {checks.told(flux)} as another; name what follows, as resolution=255"
+            f"lights have fluxes already, got {checks.told(flux)} too; name other arguments, as in resolution=255"
         )
     if flux is None and not has_lights:
         raise LightdomeError(f"expected lights, or directions and fluxes, got {checks.told(direction)} alone")
@@ -102,7 +102,7 @@ def _shade(
     light = np.concatenate([direction, reflected], axis=1, dtype=np.float32, casting="same_kind")
     # Allocated first, as the largest: if the device has no room for it, this fails at once.
     image = memory.zeros(device, (resolution, resolution, 3), np.float32)
-    # One place decides: a CPU skips pairs of pixel and light tile by tile, a GPU takes them all.
+    # A CPU skips pairs of pixel and light tile by tile; a GPU evaluates all of them.
     if brute_force or device.is_gpu:
         kernel, lights = "lighting/shade", {"light_count": len(light)}
         if device.is_gpu:

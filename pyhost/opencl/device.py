@@ -79,7 +79,7 @@ class Device:
 
     @property
     def vector_width(self) -> int:
-        """Pixels a work-item handles at once."""
+        """Pixels that a work-item handles at once."""
         return 1 if self.is_gpu else 16
 
     @cached_property
@@ -115,7 +115,7 @@ def open_device(choice: str | None = None) -> Device:
     one that has already looked for devices.
     """
     if not (choice is None or isinstance(choice, str)):
-        raise LightdomeError(f"a device must be a text such as '0:0' or 'pocl', got {told(choice)}")
+        raise LightdomeError(f"a device must be a string such as '0:0' or 'pocl', got {told(choice)}")
     ensure_room()
     asked = choice or os.environ.get("PYOPENCL_CTX")
     candidates = _candidates()
@@ -174,7 +174,7 @@ class Surveyed:
 
 
 def survey() -> list[Surveyed]:
-    """All devices, with the one that is used marked.
+    """All devices; the one in use is marked.
 
     Devices that failed before are tried again. Raises :class:`LightdomeError` as :func:`open_device` does.
     """

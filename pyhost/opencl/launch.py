@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from .device import Device
     from .signature import Argument
 
-GROUP = 256  # work-items of a GPU that share local memory
+GROUP = 256  # work-items on a GPU that share local memory
 
 
 def launch(
@@ -54,8 +54,8 @@ def launch(
     if group:
         size, local = (-(-size[0] // group) * group,), (group,)
     else:
-        # Left to choose, PoCL picks a different local size for nearly every global size, and compiles the kernel for
-        # each. So on a CPU, where a work-item does much, every group has a single work-item. A GPU's driver chooses.
+        # If left to choose, PoCL picks a different local size for nearly every global size, and compiles the kernel for
+        # each. So on a CPU, where a work-item does much, a group is a single work-item. On a GPU, the driver chooses.
         local = None if device.is_gpu else (1,) * len(size)
     length, *across = size
     step = step or length
@@ -81,10 +81,11 @@ def launch_rows(
     group: int = GROUP,
     **options: Any,
 ) -> None:
-    """:func:`launch` a kernel that does ``count`` rows, or parts of a map, in the variant for the device.
+    """:func:`launch` a kernel over ``count`` rows, or other parts of a map or image, in the variant for the device.
 
-    A CPU has a work-item for each, of the kernel ``name``; a GPU has ``group`` work-items for each, of ``name`` with
-    ``_grouped`` after it. ``step`` counts rows. A ``count`` may be across and down; a GPU numbers its groups through.
+    On a CPU, each row is a work-item of the kernel ``name``. On a GPU, each is a group of ``group`` work-items of the
+    kernel ``name`` + ``_grouped``. ``step`` counts rows. If ``count`` is (across, down), a GPU numbers the groups from
+    left to right, then from top to bottom.
     """
     size = (count,) if isinstance(count, int) else count
     if not device.is_gpu:
@@ -96,7 +97,7 @@ def launch_rows(
 
 
 def _check(name: str, size: tuple[int, ...], group: int | None, step: int | None) -> None:
-    """Refuse sizes that would run no work-items, or others than requested."""
+    """Refuse sizes for which no work-items would run, or not the requested ones."""
     if min(size, default=0) < 1:
         raise ValueError(f"the kernel {name} needs a size of at least one work-item, got {size}")
     if step is not None and step < 1:

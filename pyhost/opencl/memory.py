@@ -24,8 +24,8 @@ class DeviceArray:
     buffer: cl.Buffer
     shape: tuple[int, ...]
     dtype: np.dtype
-    host: np.ndarray | None  # the memory itself, where host and device share it
-    is_read_only: bool = False  # uploaded: a kernel that wrote to it would write to the caller's own array
+    host: np.ndarray | None  # the memory itself, if host and device share it
+    is_read_only: bool = False  # if uploaded: a kernel that wrote to it would change the caller's own array
 
 
 def upload(device: Device, array: np.ndarray) -> DeviceArray:

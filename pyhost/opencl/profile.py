@@ -7,7 +7,7 @@ from typing import Any
 
 import pyopencl as cl
 
-PENDING = 64  # the most events that are pending, and so kept with their commands' arrays
+PENDING = 64  # the most pending events; each is kept with its command's arrays
 
 
 class Profile:

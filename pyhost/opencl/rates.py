@@ -1,4 +1,4 @@
-"""Measure how fast an OpenCL device is, since what implementations claim says little.
+"""Measure how fast an OpenCL device is, since what its implementation claims says little.
 
 An implementation that claims fused multiply-adds may take five times as long for ``fma()`` as for a product and a sum,
 and a newer implementation is not always faster. So a few small kernels run once for each device and version, in the
@@ -26,8 +26,8 @@ COPY_BYTES, COPY_BLOCK = 2**25, 2048  # read and written together; vectors per w
 TRANSFER_BYTES = 2**24
 MATRIX = 512  # rows and columns of the matrices that numpy multiplies
 
-FUSED_PAYS = 0.9  # of the plain rate; from this share on, kernels use fma, which is also more exact
-SLOW = 1 / 3  # of numpy's rate
+FUSED_PAYS = 0.9  # kernels use fma, which is also more exact, if its rate is at least this share of the plain rate
+SLOW = 1 / 3  # a device is slow if its rate is below this share of numpy's
 
 # A frame: roughly what one image takes.
 FRAME_MULTIPLY_ADDS = 2**30
@@ -117,11 +117,11 @@ def measure(context: cl.Context) -> Rates:
 
     fused, plain = (16 * chains * STEPS * items / s for s in _on_device(multiply_add(1), multiply_add(0)))
     source, target = (room(COPY_BYTES // 2) for _ in range(2))
-    for array in (source, target):  # touches all pages
+    for array in (source, target):  # touch all pages first
         cl.enqueue_fill_buffer(queue, array.buffer, np.ones(1, np.float32), 0, COPY_BYTES // 2)
     copy, count = programs.kernel("limits/copy", VECTORS=block), COPY_BYTES // 2 // (16 * block)
     launch = programs.kernel("limits/launch")
-    arguments: dict[str, Any] = {"from": source, "to": target}  # `from` is a keyword of Python's
+    arguments: dict[str, Any] = {"from": source, "to": target}  # `from` is a Python keyword
     (copy_seconds,) = _on_device(lambda: copy(queue, (count,), local, **arguments))
     return Rates(
         fused=fused,

@@ -1,6 +1,6 @@
 """A kernel's signature, read from its source, and arguments cast to its types.
 
-Arguments are named. A missing, superfluous or mistyped one is a defect of the caller and raises a ``TypeError`` that
+Arguments are named. A missing, superfluous or mistyped one is a bug in the caller, and raises a ``TypeError`` that
 names the kernel and the argument. OpenCL itself accepts any buffer for any pointer argument.
 """
 
@@ -108,9 +108,9 @@ def signature(name: str, text: str) -> Signature:
     """
     found = re.search(rf"\bkernel\s+void\s+{name.rpartition('/')[2]}\s*\(([^)]*)\)", text)
     if not found:
-        raise ValueError(f"clkernels/{name}.cl has no kernel of its name")
+        raise ValueError(f"clkernels/{name}.cl has no kernel of that name")
     if "#" in found[1]:
-        raise ValueError(f"the preprocessor decides on arguments of {name}, which is not understood")
+        raise ValueError(f"the parameters of {name} depend on the preprocessor, which is not supported")
     declarations = re.sub(r"//[^\n]*", "", found[1]).split(",")
     if len(declarations) == 1 and declarations[0].strip() in ("", "void"):
         return Signature(name, ())

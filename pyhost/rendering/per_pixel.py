@@ -1,18 +1,18 @@
 """The diffuse sphere by Monte Carlo with fresh samples for every pixel: noise instead of bias.
 
-Four estimators, all unbiased. What one sample per pixel is for each:
+There are four estimators, all unbiased. One sample per pixel means:
 
 - ``light``: a direction sampled by the light: the least work, but about half of the directions lie below the horizon
 - ``bsdf``: a direction sampled by the cosine: good only if the light is much the same from everywhere
 - ``mis``: one of each, weighted by the power heuristic: never much worse than the better of the two
-- ``product``: a direction sampled by light times cosine, approximately: by far the least noise, for tables that take a
-  few milliseconds to build; for diffuse surfaces only
+- ``product``: a direction sampled by light times cosine, approximately: by far the least noise. Its tables take a few
+  milliseconds to build, and it is for diffuse surfaces only
 
 The error of N independent points falls as 1 / sqrt(N), that of Sobol points and lattices faster. ``light`` and
 ``product`` see the centres of the map's pixels, as the samples of part 2 do, and converge to :func:`lightdome.exact`.
 ``bsdf`` and ``mis`` see pixels as areas of constant radiance, and converge to ``exact(..., pixels="areas")``; so do the
-other two with ``within="pixel"``. The two images differ most beside the edge of a single bright pixel's shadow, in both
-directions, by a fraction of the image's maximum that falls as 1 / H, where H is the map's height.
+other two with ``within="pixel"``. The two images differ most at the edge of what a single bright pixel lights. The
+difference has both signs, and is a fraction of the image's maximum that falls as 1 / H, where H is the map's height.
 
 Kernels: ``render_light.cl``, ``render_light_areas.cl``, ``render_bsdf.cl``, ``render_mis.cl``, ``render_product.cl``,
 ``render_product_areas.cl``. Source: Veach, thesis (1997), chapter 9; Pharr, Jakob, Humphreys, Physically Based
@@ -46,9 +46,9 @@ if TYPE_CHECKING:
     from ..opencl.signature import Argument
 
 SAMPLES_PER_LAUNCH = 2**25  # pixels x spp between two updates of the progress line
-PIXELS_PER_BLOCK = 128  # rendered side by side by a work-item of a CPU
+PIXELS_PER_BLOCK = 128  # that a work-item on a CPU renders side by side
 SAMPLES_PER_SUM = 128  # spp that a launch sums in single precision; the sum over launches is in double words
-# Arguments of kernels that a DeviceMap has under the same names.
+# Arguments of kernels that are attributes of a DeviceMap, under the same names.
 OF_MAP = ("radiance", "theta", "phi", "edge", "width", "height", "scale")
 
 
@@ -65,7 +65,7 @@ def render(
 ) -> Iterator[tuple[int, np.ndarray]]:
     """Yield (spp, image) for each of ``spp`` in increasing order; images are (R, R, 3) float32 radiance.
 
-    - ``estimator``: ``light``, ``bsdf``, ``mis`` or ``product``, see above
+    - ``estimator``: ``light``, ``bsdf``, ``mis`` or ``product``, see :mod:`lightdome.rendering.per_pixel`
     - ``sequence``: ``independent``; ``sobol``, with a separate Owen scramble for every pixel; or ``lattice``, with a
       separate shift. The last two are best at powers of two
     - ``mis_compensation``: with ``mis``, sample only the light above the map's mean, and leave the rest to the cosine's
@@ -74,10 +74,10 @@ def render(
       ``product``; or anywhere in the ``pixel``, uniform over its solid angle, where those of ``bsdf`` and ``mis``
       always lie
 
-    An image of more samples continues that of fewer, so all together cost as much as the largest. A black map gives
-    a black image. Raises :class:`LightdomeError` for a resolution or a number of samples out of range, for an albedo
-    that is negative or not finite, for unknown names, for compensation without ``mis``, and for centres with ``bsdf``
-    or ``mis``.
+    An image with more samples continues one with fewer, so all of them together cost as much as the last. A black map
+    gives a black image. Raises :class:`LightdomeError` for a resolution or a number of samples out of range, for an
+    albedo that is negative or not finite, for unknown names, for compensation without ``mis``, and for centres with
+    ``bsdf`` or ``mis``.
     """
     checks.instance("the distribution", distribution, Distribution)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
@@ -111,7 +111,7 @@ def _images(
         yield from _black(spp, resolution)
         return
 
-    device.decisions.skip("code of other estimators and sequences", f"{estimator} and {sequence} are built alone")
+    device.decisions.skip("code of other estimators and sequences", f"only {estimator} and {sequence} are built")
     # Allocated first, as the largest: if the device has no room for it, this fails at once.
     total = memory.zeros(device, (2, resolution, resolution, 3), np.float32)
     disc = disc_tiles(resolution, 1, 1)
@@ -145,7 +145,7 @@ def _images(
                 device.wait()
                 done = end
                 progress.update(done / spp[-1])
-            # In float64: albedo F / pi can be above float32's range where no radiance is.
+            # In float64: albedo F / pi can exceed float32's range even if no radiance does.
             image = np.add(*memory.download(device, total), dtype=np.float64)
             image *= albedo / np.pi * flux / target
             yield target, to_float32(image)
@@ -159,9 +159,9 @@ def _black(spp: Sequence[int], resolution: int) -> Iterator[tuple[int, np.ndarra
 def _launch(
     distribution: Distribution, kernel: str, mis_compensation: bool, disc: np.ndarray, defines: dict[str, int]
 ) -> tuple[Callable[..., None], float]:
-    """A launch of ``kernel`` that has all arguments but the last, and the flux of R + G + B that it samples.
+    """A function that launches ``kernel`` for a range of samples, and the flux of R + G + B that it samples.
 
-    It has what the kernel's signature names of the map, of the CDFs and their guide tables, and of the factors.
+    Of the map, the CDFs, their guide tables and the factors, it passes those that the kernel's signature names.
     """
     device, of_map, cdf = distribution.device, distribution.map, distribution.cdf
     offset = 0.0
@@ -185,14 +185,14 @@ def _launch(
 
 
 def _of_map(distribution: Distribution, wanted: frozenset[str]) -> dict[str, Argument]:
-    """The arguments of a kernel, of those that it has, that come from the map."""
+    """Those of the ``wanted`` arguments that come from the map."""
     return {argument: getattr(distribution.map, argument) for argument in OF_MAP if argument in wanted}
 
 
 def _product_launch(
     distribution: Distribution, kernel: str, cdfs: ProductCDFs, disc: np.ndarray, defines: dict[str, int]
 ) -> Callable[..., None]:
-    """A launch of ``kernel``, which samples by CDFs of its own, that has all arguments but the last."""
+    """A function that launches ``kernel``, which samples by CDFs of its own, for a range of samples."""
     device = distribution.device
     return _in_blocks(
         device,
@@ -218,7 +218,7 @@ def _product_launch(
 def _in_blocks(
     device: Device, name: str, disc: np.ndarray, defines: dict[str, int], **arguments: Any
 ) -> Callable[..., None]:
-    """A launch of the kernel ``name``, with a work-item for each block of the disc's pixels, that has ``arguments``."""
+    """A function that launches the kernel ``name`` with ``arguments``, over the blocks of the disc's pixels."""
     block = 1 if device.is_gpu else PIXELS_PER_BLOCK
     return partial(
         device.launch,

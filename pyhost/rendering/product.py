@@ -1,8 +1,8 @@
 """Sampling the product of light and cosine: coarse CDFs for every tile of the sphere's image.
 
-The map is cut into cells and the image into tiles. A tile picks a cell by the cell's light times an approximation of
-the cosine that the tile's normals have with it, and the cell picks one of its pixels by its light. So hardly any
-direction is drawn below the horizon. Kernels: ``cells.cl``, ``product_cdf.cl``, ``render_product.cl``.
+The map is cut into cells and the image into tiles. A tile picks a cell by the cell's light times an estimate of the
+cosine between the tile's normals and the cell's directions. The cell then picks one of its pixels by the pixel's light.
+So hardly any direction is drawn below the horizon. Kernels: ``cells.cl``, ``product_cdf.cl``, ``render_product.cl``.
 Source: Cline, Egbert, Talbot, Cardon, Two Stage Importance Sampling for Direct Lighting (2006); Clarberg,
 Jarosz, Akenine-Möller, Jensen, Wavelet Importance Sampling (2005).
 """
@@ -40,7 +40,7 @@ class ProductCDFs:
     cell_cones: DeviceArray  # (cells down, cells across, 4) float32, mean direction and reach
 
     def lit(self, device: Device, disc: np.ndarray) -> np.ndarray:
-        """The pixels (x, y) of ``disc`` whose tile sees light; those of a tile, which share its CDFs, side by side."""
+        """The pixels (x, y) of ``disc`` whose tile sees light, sorted by tile, since those of a tile share its CDFs."""
         total = memory.download(device, self.tile_total)
         x, y = disc.T // self.tile_size
         tile = (y * len(total) + x).astype(np.uint16)  # numpy sorts 16 bits by radix
@@ -51,7 +51,7 @@ class ProductCDFs:
 def build_product_cdfs(distribution: Distribution, resolution: int, areas: bool = False) -> ProductCDFs:
     """The CDFs for the image of ``resolution`` x ``resolution`` pixels under a map that is not black.
 
-    With ``areas`` they cover all directions within a pixel, else only its centre.
+    With ``areas``, a cell's cone covers all directions within its pixels, otherwise only their centres.
     Raises :class:`LightdomeError` for a resolution outside 1 to 16384.
     """
     checks.instance("the distribution", distribution, Distribution)
@@ -117,7 +117,7 @@ def _spread(of_map: DeviceMap) -> np.ndarray:
     """A bound, for each row, on the distance from a pixel's centre to any direction in it, (H,) float32.
 
     The square of a chord between angles d_theta and d_phi apart is 4 sin(d_theta / 2)^2 and 4 sin(theta) sin(theta')
-    sin(d_phi / 2)^2. Rows end where ``edge`` says, in float32.
+    sin(d_phi / 2)^2. The borders of rows are those of ``edge``, which are rounded to float32.
     """
     theta, border = of_map.row_angles, np.arccos(memory.download(of_map.device, of_map.edge).astype(np.float64))
     half = np.maximum(theta - border[:-1], border[1:] - theta)

@@ -1,4 +1,4 @@
-"""A map on a device, made once for everything that reads it there."""
+"""A map on a device, uploaded once for everything that reads it there."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ BORDER = 2e-7  # radians between directions and the borders of their rows, which
 
 @dataclass(frozen=True)
 class DeviceMap:
-    """``envmap`` on ``device``; each array is made when it is first asked for. :meth:`of` makes one of a whole map.
+    """``envmap`` on ``device``; each array is made when it is first asked for. :meth:`of` puts a whole map there.
 
     - ``scale``: a power of two that keeps sums over the map inside float32's range
-    - ``row_angles``: polar angles of its rows, (H,) float64; a band of a larger map has those of its own rows
+    - ``row_angles``: polar angles of its rows, (H,) float64, radians; a band of a larger map has those of its own rows
     - ``row_angle``: the angle from one row to the next, radians
     """
 
@@ -35,9 +35,9 @@ class DeviceMap:
 
     @classmethod
     def of(cls, device: Device, envmap: EnvironmentMap | DeviceMap) -> DeviceMap:
-        """The whole map on ``device``; one that is there already is returned as it is.
+        """The whole map on ``device``; a map that is already there is returned as it is.
 
-        Raises :class:`LightdomeError` if one argument is of another type.
+        Raises :class:`LightdomeError` if an argument is of another type.
         """
         checks.instance("the device", device, Device)
         if isinstance(envmap, DeviceMap) and envmap.device is device:
@@ -130,7 +130,7 @@ def upload_sines(device: Device, angles: np.ndarray) -> DeviceArray:
 
 
 def versines(angles: np.ndarray) -> np.ndarray:
-    """1 - cos(theta) of polar angles in units of 2^-62, uint64: near both poles to the last digits of 1 - |cos|."""
+    """1 - cos(theta) of polar angles in units of 2^-62, uint64; precise near both poles, where cos would round."""
     of_nearer_pole = np.round(np.sin(np.minimum(angles, np.pi - angles) / 2) ** 2 * 2.0**63).astype(np.uint64)
     return np.where(angles <= np.pi / 2, of_nearer_pole, np.uint64(2**63) - of_nearer_pole)
 

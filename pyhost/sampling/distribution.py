@@ -59,8 +59,9 @@ class Distribution:
         """Draw ``count`` samples. The same ``seed`` gives the same samples on every device.
 
         ``sequence`` names the points (``clkernels/common/sequence.clh``): ``independent``; ``stratified``, in cells of
-        equal area, for any count; ``sobol``, Owen-scrambled; the lattice ``r2``; or a ``lattice`` for exactly so many
-        points. Except with ``stratified`` and ``lattice``, the first n samples of a larger set are the set of n.
+        equal area, for any count; ``sobol``, Owen-scrambled; ``r2``, a lattice of any length; or ``lattice``, one made
+        for exactly ``count`` points. Except with ``stratified`` and ``lattice``, the first n samples of a larger set
+        are the set of n.
 
         A point u = (across, down) of the sequence becomes a sample in two steps. ``down`` picks a row by the CDF over
         rows, and ``across`` a pixel of it by the row's CDF. Then ``within="centre"`` takes the direction of the
@@ -76,7 +77,7 @@ class Distribution:
     def sample_pixels(
         self, count: int, seed: int = SEED, sequence: str = "independent"
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The ``pixel`` (N, 2) int32 and ``probability`` (N,) float32 of :meth:`sample` alone, in half the time.
+        """Only the ``pixel`` (N, 2) int32 and ``probability`` (N,) float32 of :meth:`sample`, in half the time.
 
         Raises :class:`LightdomeError` as :meth:`sample` does.
         """
@@ -102,8 +103,8 @@ class Distribution:
     def pdf(self, directions: np.ndarray) -> np.ndarray:
         """The density per steradian at ``directions``, unit vectors (N, 3): (N,) float64.
 
-        This is the density of samples with ``within="pixel"``: p(x, y) / solid angle of the pixel that a direction lies
-        in, which is I / Phi. Over the sphere it integrates to 1.
+        Samples with ``within="pixel"`` have this density: p(x, y) / solid angle of the pixel in which the direction
+        lies. That is I / Phi, and integrates to 1 over the sphere.
         Raises :class:`LightdomeError` if the map is black, or for directions that are not unit vectors.
         """
         w_x, w_y, w_z = checks.unit_vectors("directions", directions, np.float64).T
@@ -145,7 +146,7 @@ class Distribution:
 def build_distribution(device: Device, envmap: EnvironmentMap) -> Distribution:
     """Build the CDF of every row and the CDF over rows of ``envmap`` on ``device``.
 
-    Raises :class:`LightdomeError` if the device has not enough memory, or one argument is of another type.
+    Raises :class:`LightdomeError` if the device does not have enough memory, or if an argument is of another type.
     """
     of_map = DeviceMap.of(device, envmap)
     of_map.upload()

@@ -22,7 +22,7 @@ from .samples import SEQUENCES
 
 MAX_COUNT = 2**31 - 1
 SAMPLES_PER_LAUNCH = 2**22  # between two updates of the progress line
-SAMPLES_PER_BLOCK = 256  # drawn side by side by a work-item of a CPU
+SAMPLES_PER_BLOCK = 256  # that a work-item on a CPU draws side by side
 SAMPLES_PER_PIXEL = 1 / 8  # samples per map pixel above which guide tables pay off
 BLACK = "the map is black everywhere, so there is no light to sample; use another map"
 
@@ -38,9 +38,10 @@ PIXEL_OUTPUTS = ("pixel", "probability")  # the outputs of sample_pixels.cl
 
 @dataclass(frozen=True)
 class Points:
-    """``count`` points in the unit square that samples are made from; :func:`sequence_points` and :func:`given_points`.
+    """``count`` points in the unit square, from which samples are made.
 
-    ``sequence`` makes them from ``key``, a Philox key, unless they are ``given``, (count, 2) uint64.
+    Kernels compute them from ``sequence`` and ``key``, a Philox key (:func:`sequence_points`), or read the ``given``
+    ones, (count, 2) uint64 fractions of 2^64 (:func:`given_points`).
     """
 
     count: int
@@ -50,12 +51,12 @@ class Points:
 
     @property
     def defines(self) -> dict[str, int]:
-        """What kernels are built with."""
+        """The preprocessor defines that kernels are built with."""
         return {f"SEQUENCE_{self.sequence.upper()}": 1}
 
     @property
     def generator(self) -> int:
-        """The generator of a lattice of so many points."""
+        """The generator of a lattice of ``count`` points; 0 for other sequences."""
         return generator(self.count) if self.sequence == "lattice" else 0
 
 

@@ -1,4 +1,4 @@
-"""Guide tables, with which searches of a map's CDFs begin close to where they end.
+"""Guide tables, which let the searches of a map's CDFs start close to where they end.
 
 They pay off only for many samples. ``guide.cl`` builds them, and ``guided.clh`` searches with them.
 """
@@ -17,14 +17,14 @@ from ..opencl.memory import DeviceArray
 if TYPE_CHECKING:
     from ..opencl.device import Device
 
-BUCKETS_PER_ROW = 4.0  # of the one table for the CDF over rows
+BUCKETS_PER_ROW = 4.0  # in the one table for the CDF over rows
 BUCKETS_PER_PIXEL = 1.0
-MAX_BUCKETS = 2**26  # of all rows: half a gibibyte
+MAX_BUCKETS = 2**26  # of all rows together: half a gibibyte
 
 
 @dataclass(frozen=True)
 class Guide:
-    """Where the searches of the CDF over rows and of those of the rows begin and end.
+    """The guide tables of a map's CDF over rows, and of the CDFs of its rows.
 
     - ``marginal``, ``rows``: the tables, 2^32 >> shift records per CDF, (count, records, 2) uint32
     - ``row_total``: the last entry of each row's CDF, (H,) uint32

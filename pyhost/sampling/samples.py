@@ -21,8 +21,10 @@ from ..maps.pictures import show_directions
 from ..names import SEQUENCES as SEQUENCES
 from ..names import WITHIN
 
-MAX_SAMPLES = 2**27  # what a file may hold; 44 bytes each
-MAX_INFLATION = 64  # arrays to file: `save` does not compress, and other programs stay far below this, but not a bomb
+MAX_SAMPLES = 2**27  # the most that a file may hold; 44 bytes each
+# Arrays may be this many times the size of their file: `save` does not compress, and compressed samples stay far below
+# it, but a zip bomb does not.
+MAX_INFLATION = 64
 MAX_SIDE = 2**20  # of a map
 PER_SAMPLE = ("direction", "radiance", "probability", "pixel")  # arrays of samples
 
@@ -45,15 +47,15 @@ class Samples:
     - ``radiance``: (N, 3) float32, of the chosen pixels
     - ``probability``: (N,) float32, the discrete p(x, y) of the chosen pixels
     - ``pixel``: (N, 2) int32, (x, y)
-    - ``sequence``, ``seed``, ``version``: what drew them; together with ``within`` they draw the same samples again
+    - ``sequence``, ``seed``, ``version``: what drew them; with ``within``, all it takes to draw the same samples again
     - ``within``: where the directions lie: at the ``centre`` of the chosen pixels, or anywhere in the ``pixel``
 
     The arrays are read-only. ``Samples(...)`` copies them and raises :class:`LightdomeError` where they contradict
     each other.
 
     ``samples[3]`` is a :class:`Sample`, and iteration yields them. ``samples[:64]``, or an array of indices or of
-    truth values, gives Samples: N is now 64, and so :attr:`flux` is that of a set of 64, while ``sequence`` and
-    ``seed`` stay those of the whole. Samples are equal where all of their content is; they cannot be hashed.
+    booleans, gives Samples: N is now 64, and so :attr:`flux` is that of a set of 64, while ``sequence`` and ``seed``
+    stay those of the whole set. Samples are equal if all of their content is; they cannot be hashed.
     """
 
     direction: np.ndarray
@@ -122,13 +124,13 @@ class Samples:
     def density(self) -> np.ndarray:
         """The density per solid angle, p(x, y) / solid angle of the pixel: (N,) float64, 1 / steradian.
 
-        Directions anywhere in a pixel have it exactly; those of centres stand for their pixels' solid angles.
+        Directions anywhere in a pixel have exactly this density; one at a centre stands for its pixel's solid angle.
         """
         return self.probability.astype(np.float64) / solid_angles(*self.map_shape)[self.pixel[:, 1]]
 
     @property
     def flux(self) -> np.ndarray:
-        """What each sample stands for, radiance / (N density): (N, 3) float64, radiance x steradian.
+        """The flux that each sample stands for, radiance / (N density): (N, 3) float64, RGB, radiance x steradian.
 
         The irradiance of a surface with normal n is the sum of flux max(0, n . direction).
         """
@@ -137,7 +139,8 @@ class Samples:
     def save(self, path: str | Path) -> None:
         """Write the samples as ``.npz``; the file appears only when it is complete.
 
-        Raises :class:`LightdomeError` where it cannot be written, and for more than 2^27, which :meth:`load` refuses.
+        Raises :class:`LightdomeError` if the file cannot be written, and for more than 2^27 samples, which :meth:`load`
+        refuses.
         """
         check_count(len(self))
         arrays: dict[str, Any] = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
@@ -191,7 +194,7 @@ def _arrays(path: Path) -> dict[str, Any]:
         with zipfile.ZipFile(path) as archive:
             for name, kinds in _KINDS.items():
                 if f"{name}.npy" not in archive.namelist():
-                    if name == "within":  # written by a version that knew centres only
+                    if name == "within":  # written by a version that had only centres
                         continue
                     raise LightdomeError(f"{path} is not a file of samples: it has no array {name!r}")
                 member = archive.getinfo(f"{name}.npy")
@@ -215,7 +218,7 @@ def _arrays(path: Path) -> dict[str, Any]:
 
 @contextmanager
 def _parsing(path: Path) -> Iterator[None]:
-    """Report a damaged file in one line: what zipfile, zlib and numpy raise, or warn about, has no common class."""
+    """Report a damaged file in one line: the errors and warnings of zipfile, zlib and numpy have no common class."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")

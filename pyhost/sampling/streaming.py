@@ -1,8 +1,8 @@
 """Samples of a map that stays in its file: only bands of its rows are in memory, however large it is.
 
-The CDF over rows needs the sum of every row and no pixel after that, so the file is read once, band by band, and
-only the sums are kept. That CDF says which rows the samples fall into. Only those are read again, and get CDFs of
-their own. The samples are those of :meth:`lightdome.Distribution.sample`, bit for bit.
+The CDF over rows needs only the sum of every row, so the file is read once, band by band, and only the sums are
+kept. That CDF gives the rows that the samples fall into. Only those rows are read again, and get CDFs of their own.
+The samples are those of :meth:`lightdome.Distribution.sample`, bit for bit.
 Kernels: those of :mod:`lightdome.sampling.distribution`, and ``choose_rows.cl``.
 """
 
@@ -30,14 +30,14 @@ from .samples import Samples
 
 
 class _Chosen(NamedTuple):
-    """Of N samples: the ``row``; the number ``across`` that picks a pixel of it; and the ``place`` down the row."""
+    """For N samples: the ``row``, the number ``across`` that picks a pixel in it, and the ``place`` down the row."""
 
     row: np.ndarray  # uint32
-    across: np.ndarray  # uint64, in 2^-64
-    place: np.ndarray  # uint32, in 2^-32
+    across: np.ndarray  # uint64, in units of 2^-64
+    place: np.ndarray  # uint32, in units of 2^-32
 
 
-# Work-items per group. Left to choose, PoCL picks a different size for nearly every count, and compiles for each.
+# Work-items per group. If left to choose, PoCL picks a different size for nearly every count, and compiles for each.
 GROUP = 64
 
 
@@ -108,7 +108,7 @@ def sample_file(
 def _band(
     device: Device, image: ImageRows, rows: np.ndarray, radiance: np.ndarray, peak: float, scale: float
 ) -> DeviceMap:
-    """Some rows of the map in a file."""
+    """Some rows of the map in a file, as a map on the device."""
     envmap = checks.made(EnvironmentMap, radiance=radiance, peak=peak, replaced=None, notes=())
     return DeviceMap(device, envmap, scale, row_angles(image.height)[rows], np.pi / image.height)
 
@@ -165,7 +165,7 @@ def _draw(
     total: float,
     within: str,
 ) -> dict[str, np.ndarray]:
-    """All OUTPUTS of samples in known rows."""
+    """All OUTPUTS of samples whose rows are known."""
     row, count = chosen.row, len(chosen.row)
     result: dict[str, np.ndarray] = {name: np.empty((count, *shape), kind) for name, (shape, kind) in OUTPUTS.items()}
     order = np.argsort(row)
@@ -190,7 +190,7 @@ def _draw(
                 result[name][index] = values
             done += len(index)
             progress.update(done / count)
-    # Each band has decided for itself; this is the decision on all of them.
+    # Each band has decided for itself; this is the decision for all of them.
     if any(guided):
         many = f"in {sum(guided)} of {len(guided)} bands of rows, enough samples to pay for them"
         device.decisions.use("guide tables", many)

@@ -149,7 +149,7 @@ def test_a_map_with_too_few_lights_is_refused(
     assert [path.name for path in tmp_path.iterdir()] == ["map.pfm"]
 
 
-@pytest.mark.parametrize(("out", "words"), [("lights.max", "says no format"), ("nowhere/lights.csv", "no folder")])
+@pytest.mark.parametrize(("out", "words"), [("lights.max", "names no format"), ("nowhere/lights.csv", "no folder")])
 def test_an_impossible_file_is_reported_before_any_work(run: Callable[..., Path], out: str, words: str) -> None:
     with pytest.raises(LightdomeError, match=words):
         run(ONE_PIXEL, "--device", "Voodoo 2", out=out)

@@ -220,7 +220,7 @@ def test_a_format_is_that_of_the_suffix_or_named(lights: Lights, tmp_path: Path)
     write_lights(tmp_path / "LIGHTS.JSON", lights)
     assert len(read_json(tmp_path / "LIGHTS.JSON")) == len(lights)
     for suffix in ("", ".glb"):
-        with pytest.raises(LightdomeError, match="says no format of lights"):
+        with pytest.raises(LightdomeError, match="names no format of lights"):
             write_lights(tmp_path / f"lights{suffix}", lights)
     with pytest.raises(LightdomeError, match="unknown format of lights 'max'"):
         write_lights(tmp_path / "lights.json", lights, "max")

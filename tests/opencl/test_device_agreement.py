@@ -79,7 +79,7 @@ def images(distribution: Distribution) -> dict[str, np.ndarray]:
 
 @pytest.fixture(scope="module")
 def devices(gpu_shaped: Device) -> list[Device]:
-    """Every device that works, and one in the shape for a GPU."""
+    """Every device that works, and one that runs the kernels for a GPU."""
     result = []
     for p, platform in enumerate(cl.get_platforms()):
         for d in range(len(platform.get_devices())):
@@ -105,7 +105,7 @@ def test_cdfs_and_median_cuts_are_the_same_to_the_last_bit(devices: list[Device]
 
 
 def tables(distribution: Distribution) -> dict[str, np.ndarray]:
-    """Every table that draws, but for what is never read of them: rows without light, and tiles outside the disc."""
+    """Every table used to draw, without the parts that are never read: rows without light, tiles outside the disc."""
     device, cdf, product = distribution.device, distribution.cdf, build_product_cdfs(distribution, 131)
     on_host = {
         name: memory.download(device, array)
@@ -125,7 +125,7 @@ def tables(distribution: Distribution) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize(("height", "width"), [(3, 4100), (300, 37), (70, 2049)])
 def test_tables_of_large_maps_are_the_same_to_the_last_bit(devices: list[Device], height: int, width: int) -> None:
-    """A GPU shares rows among work-items, which take several turns at so many pixels or rows."""
+    """On a GPU, work-items share a row; with this many pixels or rows, each takes several turns."""
     radiance = stiff_radiance(height, width)
     radiance[0] = 1
     expected: dict[str, np.ndarray] = {}

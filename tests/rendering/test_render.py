@@ -73,7 +73,7 @@ def one(distribution: Distribution, spp: int, resolution: int = R, **options: ob
 
 
 def z_scores(images: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    """How many standard errors the mean over seeds is off, for every pixel inside the disc and channel."""
+    """How many standard errors the mean over seeds is off, for every channel of every pixel inside the disc."""
     mask = disc_mask(images.shape[1])
     error = (images.mean(axis=0, dtype=np.float64) - expected)[mask]
     return error / (images.std(axis=0, ddof=1, dtype=np.float64) / np.sqrt(len(images)))[mask]
@@ -185,7 +185,7 @@ def test_sixteen_consecutive_points_have_one_in_each_part_of_an_axis(
 
 
 @pytest.mark.slow
-# Except for the last, whose noise here is that within single pixels, of which there are more than points.
+# Not the last one: its remaining noise comes from within single pixels, and there are more of them than points.
 @pytest.mark.parametrize("options", ALL[:-1], ids=NAMES[:-1])
 @pytest.mark.parametrize("better", ["sobol", "lattice"])
 def test_with_better_points_the_error_falls_faster(device: Device, options: dict[str, object], better: str) -> None:
@@ -254,7 +254,7 @@ def test_pixels_that_see_no_light_are_black(device: Device, resolution: int, lit
 
 @pytest.mark.slow
 def test_cells_and_tiles_of_many_pixels_leave_nothing_out(device: Device) -> None:
-    # A band of light, so that many normals see only part of a cell. Cells are 5 x 4 pixels, tiles 4 x 4.
+    # A band of light, so that many normals see only a part of a cell. Cells are 5 x 4 pixels, tiles 4 x 4.
     radiance = np.full((100, 300, 3), 1e-6, np.float32)
     radiance[48:60] = np.random.default_rng(2).random((12, 300, 1))
     radiance[:, 90:] *= 1e-3
@@ -385,7 +385,8 @@ def test_unknown_names_are_refused(distribution: Distribution, options: dict[str
 
 @pytest.mark.parametrize("sequence", SEQUENCES)
 def test_the_two_samples_of_mis_are_independent(device: Device, sequence: str) -> None:
-    # Two lamps, drawn as the light is, are red. The rest, so dim that the cosine's samples alone see it, is blue.
+    # Two lamps, which the light's samples draw, are red. The rest is blue, and so dim that only the cosine's samples
+    # see it.
     radiance = np.zeros((16, 32, 3), np.float32)
     radiance[:8, :, 2] = 1e-3
     radiance[7, 4] = radiance[9, 25] = 1e3, 0, 0  # on the camera's side and behind the sphere
@@ -410,8 +411,8 @@ def test_where_cells_and_tiles_are_single_pixels_the_product_has_no_noise(device
 def test_no_sample_of_the_product_is_worth_more_than_four_others(
     device: Device, at: tuple[int, int], within: str
 ) -> None:
-    # Of two lamps one is seen by all normals that matter, in blue. Tiles in which the other, red one sets draw it
-    # rarely, but often enough that what it is worth then stays in bounds: a cosine is at most 4 C (product.clh).
+    # All normals that matter see the blue lamp. Tiles in which the red lamp sets draw it rarely, but often enough that
+    # the weight of its samples is bounded: a cosine is at most 4 C (product.clh).
     radiance = np.zeros((32, 64, 3), np.float32)
     radiance[at] = 1e4, 0, 0
     radiance[16, 16] = 0, 0, 1

@@ -286,7 +286,7 @@ def test_samples_know_what_drew_them(device: Device, stiff: EnvironmentMap) -> N
 
 @pytest.mark.parametrize("shape", [(1, 7), (37, 61), (499, 17), (17, 3001)])
 def test_the_flux_keeps_what_lies_far_below_the_total(device: Device, shape: tuple[int, int]) -> None:
-    # In integers of one row's light, so that the expected value is exact; a sun is 2^33 times the least.
+    # Small integers times powers of two, so that the expected sum is exact; a sun is 2^33 times the least.
     rng = np.random.default_rng(shape[1])
     radiance = np.ldexp(rng.integers(1, 8, (*shape, 3)), rng.integers(-30, 0, (*shape, 1))).astype(np.float32)
     radiance[shape[0] // 2, 3] = 8
