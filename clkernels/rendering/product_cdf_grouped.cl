@@ -27,7 +27,8 @@ kernel void product_cdf_grouped(global const float *restrict flux,
     local float values[GROUP];
     const uint i = get_local_id(0), count = (resolution + tile_size - 1) / tile_size;
     const size_t index = get_global_id(0) / GROUP;
-    const int2 first = (int2)(index % count, index / count) * tile_size, last = min(first + tile_size, resolution);
+    const int2 first = (int2)(index % count, index / count) * tile_size;
+    const int2 last = min(first + tile_size, (int2)(resolution));  // Oclgrind's min of int2 and int is wrong
     const uint across = last.x - first.x, pixels = across * (last.y - first.y);
     tile_row_cdf += index * cells.y * cells.x;
     tile_marginal_cdf += index * cells.y;

@@ -22,7 +22,6 @@ import tempfile
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyopencl as cl
@@ -51,8 +50,6 @@ from lightdome.sampling.streaming import sample_file
 
 SHAPES = ((7, 5), (3, 33))
 RESOLUTIONS = (1, 17)
-TABLES = 9  # width and height in pixels of the largest image for which product builds its tables, one per pixel
-GROUP = 64  # work-items of a GPU's groups: with more, most would do nothing on maps this small
 
 # Without these, Oclgrind 21.10 misses a vstore16 into a private array, since its compiler optimises it away, and does
 # not load Random123, which has functions that return structures and that Oclgrind cannot inline.
@@ -85,9 +82,6 @@ class Simulator(Device):
     def kernel(self, name: str, **defines: int) -> Kernel:
         self.ran.add(name)
         return super().kernel(name, **defines)
-
-    def launch_rows(self, *arguments: Any, **options: Any) -> None:
-        super().launch_rows(*arguments, **{"group": GROUP, **options})
 
 
 def main() -> None:
@@ -162,10 +156,8 @@ def run_all() -> None:
                 light(any_colour, resolution, brute_force=True)
                 for pixels in PIXELS:
                     exact(any_colour.device, any_colour.envmap, resolution, pixels=pixels)
-                draw_images(any_colour, resolution, [name for name in ESTIMATORS if name != "product"])
-                draw_images(any_colour, resolution, ["light"], within="pixel")
-                for within in (None, "pixel"):
-                    draw_images(any_colour, min(resolution, TABLES), ["product"], within)
+                draw_images(any_colour, resolution, ESTIMATORS)
+                draw_images(any_colour, resolution, ("light", "product"), within="pixel")
             shade_harmonics(distribution.device, project(distribution.device, distribution.envmap, 3), resolution)
         list(render(distribution, [2], RESOLUTIONS[-1], estimator="mis", mis_compensation=True))
         touch_limits(distribution.device)
