@@ -252,6 +252,7 @@ def run_here(client: Client, maps: Path, out: Path, options: Options) -> tuple[i
         return run.computed, {Path(row["path"]).name: row for row in rows(journal, sources)}
 
 
+@pytest.mark.slow
 def test_a_second_run_computes_what_is_new_changed_or_failed(client: Client, maps: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     computed, before = run_here(client, maps, out, Options())

@@ -61,6 +61,7 @@ def image(lamps: EnvironmentMap) -> np.ndarray:
     return render(lamps.radiance, COUNT, SIDE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_is_named(lamps: EnvironmentMap, references: dict[float, Reference], mistake: str) -> None:
     albedo = ALBEDO.get(mistake, 1.0)
@@ -95,6 +96,7 @@ def test_correct_images_of_shared_samples_agree(
     assert references[1.0].check(made, count).agrees
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_correct_images_of_fresh_samples_agree(
     device: Device, lamps: EnvironmentMap, references: dict[float, Reference], estimator: str
@@ -241,6 +243,7 @@ PAIRS = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pair", PAIRS)
 def test_two_mistakes_are_both_named(lamps: EnvironmentMap, references: dict[float, Reference], pair: str) -> None:
     check = references[1.0].check(render(lamps.radiance, COUNT, SIDE, 1, pair), COUNT)

@@ -55,6 +55,7 @@ from lightdome.opencl import device
 from lightdome.rendering.per_pixel import render
 from lightdome.sampling.distribution import build_distribution
 from lightdome.sampling.samples import Samples
+from lightdome.viewer import display
 
 
 @dataclass
@@ -418,6 +419,18 @@ def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
     assert any("skipped: " in line for line in added)
     assert any(line.startswith("built ") for line in added)
     assert_same(plain, explained, "*.p*", "*.npz")
+
+
+@option("--display", "part3_shade", "part4_pbrt")
+def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
+    sent = []
+    patch.setattr(display, "find_spec", lambda name: True)
+    patch.setattr(display, "display", lambda *sent_to: sent.append(sent_to))
+    ran = world.base(script, "--display", "localhost:15000")
+    assert {(host, port) for host, port, _, _ in sent} == {("localhost", 15000)}
+    assert {f"{name}.pfm" for _, _, name, _ in sent} == ran.names("*.pfm")
+    for _, _, name, image in sent:
+        np.testing.assert_array_equal(image, ran.image(f"{name}.pfm"))
 
 
 # ---- pictures ----

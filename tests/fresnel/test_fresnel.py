@@ -239,6 +239,7 @@ def test_an_impossible_r0_is_refused() -> None:
         schlick(0.0, 1.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [fresnel_figure, schlick_figure])
 @pytest.mark.parametrize("eta", [1.05, 1.1, 1.3, 1.4, 1.42, 1.7, 2.5, 4.0])
 def test_labels_cover_neither_curves_nor_each_other(make: Callable[[float, float], Figure], eta: float) -> None:

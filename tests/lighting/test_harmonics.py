@@ -120,6 +120,7 @@ def test_nine_rotated_coefficients_are_those_of_the_rotated_light() -> None:
     np.testing.assert_allclose(before.coefficients, after, atol=3e-6)  # the printed factors have six digits
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [0, 1, 5, 30, MAX_ORDER])
 def test_rotated_harmonics_come_back(order: int) -> None:
     harmonics = some_harmonics(order)

@@ -159,6 +159,7 @@ def test_one_pixel_at_the_pole() -> None:
 PLACES = [(123.4, 45.6), (0.0, 30.0), (359.9, 5.0), (77.0, 89.9), (10.0, -88.0), (300.0, 2.0)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("azimuth", "elevation"), PLACES)
 @pytest.mark.parametrize("radius", [0.27, 1.0, 3.0])
 def test_a_sun_over_a_sky(azimuth: float, elevation: float, radius: float) -> None:

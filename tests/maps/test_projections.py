@@ -147,6 +147,7 @@ def test_the_octahedral_square_is_that_of_pbrt() -> None:
     assert np.sqrt(np.mean((ours / exact - 1) ** 2)) < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PROJECTIONS)
 def test_a_labelled_map_keeps_its_six_lights(name: str) -> None:
     """There and back: six lights of 6 degrees, each alone in its direction, keep flux and direction."""

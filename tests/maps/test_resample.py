@@ -43,6 +43,7 @@ def test_flux_and_constants_are_kept(source, size, target, target_size, turn) ->
     np.testing.assert_allclose(resample(constant, a, b, shape, turn)[used], 0.7, rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PROJECTIONS)
 @pytest.mark.parametrize("to_it", [True, False])
 def test_a_bright_pixel_keeps_its_energy_and_direction(name: str, to_it: bool) -> None:

@@ -427,6 +427,7 @@ def test_no_sample_of_the_product_is_worth_more_than_four_others(
     assert (red[known] <= 4.5 * blue[known]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("along", ["rows", "columns"])
 @pytest.mark.parametrize(
     ("height", "width"), [(71, 200), (67, 131), (97, 127), (149, 389), (2, 193), (61, 3), (131, 1)]
