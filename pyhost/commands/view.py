@@ -1,4 +1,4 @@
-"""A page in the browser on which a map, its samples, the sphere and the error answer to the hand."""
+"""Shows a map, its samples, the sphere and the error on an interactive page in the browser."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from . import cli
 
 def main() -> None:
     parser = cli.parser(
-        "Look at a map, its samples, the sphere and the error in the browser, and turn, sample and compare by hand.\n\n"
-        "The page is served by this command until Ctrl-C, on this machine alone, and only to who has the address that"
-        " is printed. It needs the extra [view].",
+        "Explore a map, its samples, the sphere and the error in the browser: turn the light, sample, compare.\n\n"
+        "This command serves the page until Ctrl-C, by default on this machine only, and only to those who know the"
+        " address that it prints. It needs the extra [view].",
         "data/default.exr --no-browser",
     )
     parser.add_argument("maps", type=Path, nargs="*", metavar="MAP", help="environment maps: .exr, .hdr or .pfm")
     cli.map_options(parser)
-    parser.add_argument("--port", type=_port, default=0, metavar="N", help="port to listen at, 0 for any that is free")
+    parser.add_argument("--port", type=_port, default=0, metavar="N", help="port to listen on; 0 for any free port")
     parser.add_argument(
         "--host",
         default="127.0.0.1",
         metavar="ADDRESS",
-        help="address to listen at; another than this one opens the page to the network, without encryption",
+        help="address to listen on; any but the default opens the page to the network, without encryption",
     )
-    parser.add_argument("--no-browser", action="store_true", help="print the address, and open no browser")
+    parser.add_argument("--no-browser", action="store_true", help="only print the address; do not open a browser")
     cli.device_option(parser)
     args = parser.parse_args()
 
@@ -46,7 +46,7 @@ def main() -> None:
 
     if not is_loopback(args.host):
         print(
-            f"warning: {args.host} can be reached from the network; whoever has the address can use this page, and"
+            f"warning: {args.host} can be reached from the network; anyone who has the address can use this page, and"
             " nothing is encrypted",
             file=sys.stderr,
         )
@@ -57,5 +57,5 @@ def main() -> None:
 
 
 def _port(text: str) -> int:
-    """Argument type: a number of a port."""
+    """Argument type: a port number."""
     return int(cli._number(int, text, lambda v: 0 <= v <= 65535, "a whole number from 0 to 65535"))

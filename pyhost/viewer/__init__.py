@@ -1,5 +1,6 @@
-"""The page on which a map, its samples, the sphere and the error answer to the hand: a server on this machine.
+"""An interactive page that shows a map, its samples, the sphere and the error, and the local server behind it.
 
-:mod:`.engine` computes what the page shows, :mod:`.messages` is what they say to each other, :mod:`.server` lets in
-nobody but who has the address, and ``static/`` holds the page. Needs the extra ``[view]``.
+:mod:`.engine` computes what the page shows, :mod:`.messages` defines the messages between them, :mod:`.server` serves
+the page, :mod:`.gate` admits only those who know its address, and ``static/`` holds its files. Needs the extra
+``[view]``.
 """

@@ -1,6 +1,6 @@
-"""Sends images to tev, which somebody has open: it listens, and renderers push to it.
+"""Sends images to a running tev, which listens for renderers.
 
-Source: https://github.com/Tom94/tev, whose protocol the package tevclient speaks.
+The package tevclient implements tev's protocol: https://github.com/Tom94/tev
 """
 
 from __future__ import annotations
@@ -11,20 +11,20 @@ import numpy as np
 
 from ..errors import LightdomeError, one_line
 
-PORT = 14158  # tev's own
+PORT = 14158  # tev's default
 MISSING = "--display needs tevclient, for Python 3.11 and newer: pip install tevclient"
 
 
 def check_display() -> None:
-    """Raise :class:`LightdomeError` where tevclient is not installed, before an image is computed for nothing."""
+    """Raise :class:`LightdomeError` if tevclient is missing, before an image is computed in vain."""
     if find_spec("tevclient") is None:
         raise LightdomeError(MISSING)
 
 
 def display(host: str, port: int, name: str, image: np.ndarray) -> None:
-    """Show ``image`` (H, W, 3), radiance, in the tev that listens at ``host`` and ``port``.
+    """Show ``image`` (H, W, 3), in radiance, in the tev that listens at ``host`` and ``port``.
 
-    Raises :class:`LightdomeError` where tevclient is missing, or none listens.
+    Raises :class:`LightdomeError` if tevclient is missing or no tev listens there.
     """
     check_display()
     import tevclient  # type: ignore[import-not-found, unused-ignore]

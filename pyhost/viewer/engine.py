@@ -1,10 +1,9 @@
-"""Computes what a page shows. One thread owns an :class:`Engine`, and the device with it.
+"""Computes what a page shows. A single thread owns an :class:`Engine` and its device.
 
-Shared samples, median cut and harmonics are of the map as it lies in its file, and turn with the light: a turn of the
-hand moves directions, and nothing is resampled. The exact image that they are compared with sums every pixel of the
-map as a light that has turned along. Estimators with samples for every pixel need tables of the turned map, so that
-is :meth:`lightdome.EnvironmentMap.rotated`, and their exact image is of it. While the hand moves, harmonics stand in
-for the exact image.
+Shared samples, median cut and harmonics are computed for the map as stored in its file. Turning the light rotates only
+their directions; nothing is resampled. Their exact image sums all pixels of the map as lights, rotated in the same way.
+Estimators with samples for every pixel need tables of the turned map, :meth:`lightdome.EnvironmentMap.rotated`, and are
+compared with that map's exact image. While the user drags, harmonics approximate the exact image.
 """
 
 from __future__ import annotations
@@ -34,34 +33,35 @@ from ..sampling.distribution import Distribution, build_distribution
 from .fallback import pictures_of
 from .messages import CUT, HARMONICS, SHARED, Setting, halved, packed
 
-STAND_IN = 12  # degree of the harmonics that stand in for the exact image
-# Turns that bring +z, -z, +x, -x, +y and -y to the front: a page looks up a stand-in for any turn in these six images.
+STAND_IN = 12  # degree of the harmonics that approximate the exact image
+# Turns that bring +z, -z, +x, -x, +y and -y to the front. From these six images, a page can look up the approximation
+# for any turn.
 SIX_TURNS = ((0, 0), (180, 0), (-90, 0), (90, 0), (0, 90), (0, -90))
 SIX_RESOLUTION = 127
 KEPT_BYTES = 2**26  # of exact images
-LIGHTS_AT_ONCE = 2**16  # pixels of a map, as lights, between two looks at what else is to be done
-SHOWN_WIDTH = 2048  # of a map on a page
-MOST_REGIONS = 1024  # whose outlines are shown
-# Counts along which the error is followed.
+LIGHTS_AT_ONCE = 2**16  # pixels of a map, summed as lights in one step; other requests come in between steps
+SHOWN_WIDTH = 2048  # widest map sent to a page, in pixels
+MOST_REGIONS = 1024  # with more regions, outlines are not shown
+# Counts for the plot of error against count.
 COUNTS = {SHARED: (16, 64, 256, 1024, 4096, 16384), CUT: (16, 64, 256, 1024, 4096), HARMONICS: (1, 2, 4, 8, 12, 18, 24)}
 SPP = (1, 2, 4, 8, 16, 32, 64)
 
 
 class Kept:
-    """Arrays by key; those that were not used for longest go first, so that the rest stays below ``room`` bytes."""
+    """Arrays by key, up to ``room`` bytes; the least recently used are dropped first."""
 
     def __init__(self, room: int) -> None:
         self.room, self.bytes = room, 0
         self._arrays: OrderedDict[object, np.ndarray] = OrderedDict()
 
     def get(self, key: object) -> np.ndarray | None:
-        """The array of ``key``, which is used now, or None."""
+        """The array of ``key``, now the most recently used, or None."""
         if key in self._arrays:
             self._arrays.move_to_end(key)
         return self._arrays.get(key)
 
     def put(self, key: object, array: np.ndarray) -> None:
-        """Keep one more."""
+        """Keep an array, and drop others if there is no room."""
         self.bytes += array.nbytes - (self._arrays[key].nbytes if key in self._arrays else 0)
         self._arrays[key] = array
         while self.bytes > self.room and len(self._arrays) > 1:
@@ -73,10 +73,10 @@ class Scene:
     """A map that a page may choose."""
 
     name: str
-    arguments: str  # what commands are given after --map
+    arguments: str  # what follows --map on a command line
     distribution: Distribution
     harmonics: Harmonics
-    exposures: tuple[float, float]  # automatic ones, of the map and of the sphere
+    exposures: tuple[float, float]  # automatic exposures of the map and of the sphere
 
     @property
     def envmap(self) -> EnvironmentMap:
@@ -85,7 +85,7 @@ class Scene:
 
 @dataclass
 class Sent:
-    """What a page has already, by key."""
+    """What has already been sent to a page, by key."""
 
     lights: object = None
     reference: object = None
@@ -95,7 +95,7 @@ class Sent:
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """A method's image, the seconds that it took, in all and on the device, and the lights if all pixels share them."""
+    """A method's image, its time in total and on the device, and its lights if all pixels share them."""
 
     pixels: np.ndarray
     seconds: float
@@ -104,7 +104,7 @@ class Image:
 
 
 class Engine:
-    """Maps on a device, and what pages ask of them."""
+    """Answers the pages' requests about some maps, on one device."""
 
     def __init__(self, device: Device, maps: list[tuple[str, str, EnvironmentMap]]) -> None:
         self.device = device
@@ -124,7 +124,7 @@ class Engine:
     # ---- answers ----
 
     def map(self, number: int) -> bytes:
-        """A map as a page draws it: half floats, and smaller where it is larger than a page."""
+        """A map for a page to draw: half floats, reduced if it is wider than SHOWN_WIDTH."""
         scene = self.scenes[number]
         envmap = scene.envmap
         step = -(-envmap.width // SHOWN_WIDTH)
@@ -147,7 +147,7 @@ class Engine:
         return packed(header, {"map": halved(shown), "six": halved(np.concatenate(six, axis=1))})
 
     def frame(self, setting: Setting, sent: Sent) -> bytes:
-        """The picture of a setting: a method's image, and what to compare it with, unless the page has that."""
+        """The picture of a setting: a method's image, and the exact image unless the page already has it."""
         begin = time.perf_counter()
         image = self._image(setting)
         key = _exact_key(setting)
@@ -179,9 +179,9 @@ class Engine:
         return packed(header, arrays)
 
     def rest(self, setting: Setting, sent: Sent) -> Generator[bytes | None, None, None]:
-        """What follows when the hand rests, in steps that may be the last: the exact image, then the error by count.
+        """What follows when the user stops moving: the exact image, then the error by count.
 
-        None is a step without an answer.
+        The work may be abandoned after any step. A step without an answer yields None.
         """
         key = _exact_key(setting)
         reference = self.exact_images.get(key)
@@ -217,7 +217,7 @@ class Engine:
 
     def _image(self, setting: Setting) -> Image:
         if setting.is_per_pixel:
-            self._distribution(setting)  # the turned map is not the method's work
+            self._distribution(setting)  # turning the map must not count as the method's time
         while True:
             built = len(self.device.programs.built)
             self.device.profile.clear()
@@ -235,14 +235,14 @@ class Engine:
                     lights = made if isinstance(made, Lights) else None
             seconds = time.perf_counter() - begin
             stages = self.device.profile.seconds()
-            if len(self.device.programs.built) == built:  # else most of the time was the compiler's
+            if len(self.device.programs.built) == built:  # otherwise the time includes the compiler's, so measure again
                 break
         self.device.decisions.take()
         on_device = sum(time for stage, time in stages.items() if stage not in ("upload", "download"))
         return Image(pixels, seconds, on_device, lights)
 
     def _made(self, setting: Setting) -> Lights | Harmonics:
-        """The lights or harmonics of a setting, unturned; the last ones are kept while the hand moves."""
+        """The lights or harmonics of a setting, unturned; the last are kept while the user drags."""
         key = (setting.map, setting.method, setting.sequence, setting.count, setting.seed)
         if setting.is_moving and self._lights and self._lights[0] == key:
             return self._lights[1]
@@ -258,7 +258,7 @@ class Engine:
         return made
 
     def _distribution(self, setting: Setting) -> Distribution:
-        """That of the turned map."""
+        """The distribution of the turned map."""
         key = setting.map, setting.angles
         if self._turned is None or self._turned[0] != key:
             of_map = self.scenes[setting.map].distribution
@@ -283,7 +283,7 @@ class Engine:
         return np.maximum(shade_harmonics(self.device, turned, setting.resolution), 0)
 
     def _exact_steps(self, setting: Setting) -> Iterator[np.ndarray | None]:
-        """The exact image with albedo 1, last; the steps before it yield None."""
+        """Yield None after each step of the work, then the exact image with albedo 1."""
         if setting.is_per_pixel:
             of_map = self._distribution(setting).map
             yield exact(self.device, of_map, setting.resolution, pixels=setting.pixels)  # type: ignore[arg-type]
@@ -296,7 +296,7 @@ class Engine:
         yield total.astype(np.float32)
 
     def _errors(self, setting: Setting, reference: np.ndarray) -> Iterator[tuple[int, float]]:
-        """Relative RMSE of the setting's method by count."""
+        """Each count, and the relative RMSE of the setting's method with it."""
         if setting.is_per_pixel:
             images = render(
                 self._distribution(setting),
@@ -337,7 +337,7 @@ class Engine:
         }
 
     def _marks(self, setting: Setting, lights: Lights | None) -> dict[str, np.ndarray]:
-        """Directions and sizes of the marks on the map, unturned, and outlines of regions."""
+        """Directions, before the turn, and sizes of the marks on the map, and outlines of regions."""
         arrays: dict[str, np.ndarray] = {"direction": np.zeros((0, 3), np.float32), "size": np.zeros(0, np.float32)}
         if lights is not None:
             light = lights.flux.sum(axis=1)
@@ -354,7 +354,7 @@ class Engine:
     def lights(self, setting: Setting) -> Lights:
         """The lights of a setting, turned; raises :class:`LightdomeError` for a method that has none."""
         if setting.is_per_pixel or setting.method == HARMONICS:
-            raise LightdomeError("this method has no lights that all pixels share; choose shared samples or median cut")
+            raise LightdomeError("this method has no lights shared by all pixels; choose shared samples or median cut")
         made = self._made(setting)
         assert isinstance(made, Lights)
         return made.rotated(*setting.angles)
@@ -365,7 +365,7 @@ def _exact_key(setting: Setting) -> object:
 
 
 def pixel_lights(envmap: EnvironmentMap, angles: tuple[float, float, float]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Each pixel of a map that is not black as a light, turned: directions (N, 3) and fluxes (N, 3), some at a time."""
+    """Every pixel that is not black, as a light turned by ``angles``: directions and fluxes (N, 3), in batches."""
     matrix = rotation_matrix(*angles)
     theta, phi = row_angles(envmap.height), column_angles(envmap.width)
     area = solid_angles(envmap.height, envmap.width)

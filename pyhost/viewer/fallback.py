@@ -1,4 +1,4 @@
-"""What a page without WebGL shows: pictures that are made here."""
+"""Draws the pictures for a page without WebGL."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from ..maps.pictures import Picture
 from ..maps.rotation import rotation_matrix
 from .messages import Setting
 
-WIDTH = 768  # of the map
-MARK, BLUE = 5, (0, 114, 178)  # of a mark: pixels, and colour
-# Colours of a difference of -1, 0 and +1, as in the page's shader.
+WIDTH = 768  # of the map's picture, in pixels
+MARK, BLUE = 5, (0, 114, 178)  # size of a mark, in pixels, and its colour
+# Colours for a difference of -1, 0 and +1, as in the page's shader.
 TOO_DARK, RIGHT, TOO_BRIGHT = (np.array(c) for c in ((0.0, 0.447, 0.698), (0.93, 0.93, 0.93), (0.835, 0.369, 0.0)))
 
 
@@ -27,7 +27,7 @@ def pictures_of(
     exact: np.ndarray,
     lights: Lights | None,
 ) -> dict[str, np.ndarray]:
-    """PNG files, as bytes in uint8 arrays: the turned map with its marks, the image, the exact one, the difference."""
+    """PNG files, as uint8 arrays: the turned map with its marks, the image, the exact image and their difference."""
     assert setting.pictures is not None
     exposure, gamma, percent = setting.pictures
     most = percent / 100 * float(exact.max())
@@ -41,7 +41,7 @@ def pictures_of(
 
 
 def false_colour(difference: np.ndarray) -> np.ndarray:
-    """Blue where an image is too dark, orange where it is too bright, full colour from 1 on: uint8."""
+    """Blue where an image is too dark, orange where it is too bright; full colour at -1 and 1 and beyond; uint8."""
     share = np.clip(difference, -1, 1)[..., None]
     colour = RIGHT + np.abs(share) * (np.where(share < 0, TOO_DARK, TOO_BRIGHT) - RIGHT)
     return np.rint(255 * colour).astype(np.uint8)
@@ -50,7 +50,7 @@ def false_colour(difference: np.ndarray) -> np.ndarray:
 def _map(
     envmap: EnvironmentMap, exposure: float, gamma: float, angles: tuple[float, float, float], lights: Lights | None
 ) -> np.ndarray:
-    """The map as it lies after the turn: what comes from d was at R^-1 d before."""
+    """The map after the turn R: its pixel in direction d shows what was in direction R^-1 d."""
     width = min(WIDTH, envmap.width)
     height = max(1, width * envmap.height // envmap.width)
     before = directions(row_angles(height)[:, None], column_angles(width)) @ rotation_matrix(*angles)
@@ -62,7 +62,7 @@ def _map(
 
 
 def place_of(direction: np.ndarray, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of the pixels of a map that directions (..., 3) lie in."""
+    """The rows and columns of a map's pixels that directions (..., 3) fall into."""
     x, y, z = np.moveaxis(direction, -1, 0)
     row = np.arctan2(np.hypot(x, z), y) * (height / np.pi)
     column = np.arctan2(z, x) * (width / (2 * np.pi)) % width

@@ -1,10 +1,9 @@
-"""Lets in requests that know the address, came to it by its own name, and were sent by no other site's page.
+"""Admits only requests that know the address, use this machine's own name, and do not come from another site's page.
 
-- The address holds a random token; whatever comes without it is refused, and learns nothing.
-- ``Host`` must name this machine by an address of numbers or as localhost: a name that somebody points here (DNS
-  rebinding) is refused, so no browser takes this server for another site.
-- ``Origin``, which a browser sends with each WebSocket and each POST and no page can change, must be that of the page
-  itself.
+- The address contains a random token; a request without it is refused and learns nothing.
+- ``Host`` must be a numeric IP address, localhost or a name given on the command line. Any other name that someone
+  points at this machine (DNS rebinding) is refused, so a browser never takes this server for another site.
+- ``Origin``, which browsers send with every WebSocket and POST and which no page can change, must be the page's own.
 """
 
 from __future__ import annotations
@@ -18,13 +17,13 @@ from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-CLOSED = "open the whole address that lightdome printed, with what follows its last colon"
-# What may hold the page in a frame: a notebook's page on this machine.
+CLOSED = "open the full address that lightdome printed, including everything after the port number"
+# Who may show the page in a frame: a notebook on this machine.
 NOTEBOOKS = ("http://localhost:*", "http://127.0.0.1:*", "https://localhost:*", "https://127.0.0.1:*")
 
 
 def headers(frames: Iterable[str] = ()) -> dict[str, str]:
-    """What every answer says to the browser: nothing is loaded from, sent to or shown in another site."""
+    """The headers of every response: they keep the browser from loading from, sending to or framing in other sites."""
     policy = {
         "default-src": "'none'",
         "script-src": "'self'",
@@ -45,7 +44,7 @@ def headers(frames: Iterable[str] = ()) -> dict[str, str]:
 
 
 class Gate:
-    """Stands before an application, and hands on what may pass with the token taken off its path."""
+    """Wraps an application: forwards requests that are allowed, with the token removed from the path."""
 
     def __init__(self, app: ASGIApp, token: str, hosts: Iterable[str] = (), frames: Iterable[str] = ()) -> None:
         self.app, self.token, self.hosts = app, token.encode(), {"localhost", *(host.lower() for host in hosts)}
@@ -69,23 +68,23 @@ class Gate:
         elif is_page:
             await PlainTextResponse(refusal, 403)(scope, receive, send_safely)
         else:
-            await send({"type": "websocket.close", "code": 1008})  # before it is accepted: the answer is 403
+            await send({"type": "websocket.close", "code": 1008})  # closed before it is accepted, it answers 403
 
     def _refusal(self, scope: Scope) -> str | None:
         of_request = Headers(scope=scope)
         if len(of_request.getlist("host")) != 1 or not self._is_here(of_request["host"]):
-            return "this server has no such name"
+            return "this server does not answer to that host name"
         origins = of_request.getlist("origin")
         must_say = scope["type"] == "websocket" or scope["method"] not in ("GET", "HEAD")
         if any(origin != f"http://{of_request['host']}" for origin in origins) or (must_say and len(origins) != 1):
-            return "only its own page may ask this server"
+            return "this server accepts requests only from its own page"
         parts = scope["path"].split("/", 2)
         if not (len(parts) == 3 and hmac.compare_digest(parts[1].encode(errors="replace"), self.token)):
             return CLOSED
         return None
 
     def _is_here(self, host: str) -> bool:
-        """Whether ``Host`` is an address of numbers, localhost, or a name that was given on the command line."""
+        """Whether ``Host`` is a numeric IP address, localhost, or a name given on the command line."""
         try:
             name = urlsplit(f"//{host}").hostname or ""
         except ValueError:

@@ -1,9 +1,9 @@
-"""What a page asks for, checked, and how an answer with arrays is packed.
+"""Checks what a page asks for, and packs answers with arrays.
 
-A page sends JSON. An answer is bytes: the length of its header, 4 bytes little-endian; the header, JSON, padded with
-spaces to a multiple of 4 bytes; then the arrays that the header lists, each padded to 4 bytes. In a header ``arrays``
-maps a name to ``shape``, ``type`` (``float16``, ``float32``, ``int32`` or ``uint8``), ``offset`` and ``bytes`` of
-what follows the header, and ``scale``, by which the values are to be multiplied.
+A page sends JSON. An answer is binary: the length of its header (4 bytes, little-endian); the header, as JSON, padded
+with spaces to a multiple of 4 bytes; then the arrays, each padded to a multiple of 4 bytes. The header's ``arrays``
+maps each name to ``shape``; ``type`` (``float16``, ``float32``, ``int32`` or ``uint8``); ``offset``, counted from the
+end of the header; ``bytes``; and ``scale``, a factor for the values.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from ..names import ESTIMATORS, PIXEL_SEQUENCES, SEQUENCES
 
 SHARED, CUT, HARMONICS = "shared", "median-cut", "harmonics"
 METHODS = (SHARED, CUT, HARMONICS, *ESTIMATORS)
-# The most samples, lights, degrees or samples per pixel, so that a frame stays a matter of seconds.
+# The largest number of samples, lights, degrees or samples per pixel: a frame should take seconds at most.
 MOST = {SHARED: 65536, CUT: 4096, HARMONICS: 24, **dict.fromkeys(ESTIMATORS, 256)}
 RESOLUTIONS = (16, 1023)
-HALF_PEAK = 60000.0  # of half floats, whose largest is 65504
+HALF_PEAK = 60000.0  # the largest value sent as a half float, below its limit of 65504
 
 
 @dataclass(frozen=True)
@@ -39,24 +39,24 @@ class Setting:
     angles: tuple[float, float, float]
     albedo: float
     resolution: int
-    is_moving: bool  # the hand still moves something: take a quick stand-in for the exact image
-    # Of a page without WebGL: an exposure factor, gamma, and the difference in full colour, in percent of the brightest
-    # exact pixel; else None.
+    is_moving: bool  # the user is still dragging: speed matters more than precision
+    # For a page without WebGL: an exposure factor, gamma, and the difference shown in full colour, in percent of the
+    # brightest exact pixel. None for a page with WebGL.
     pictures: tuple[float, float, float] | None
 
     @property
     def is_per_pixel(self) -> bool:
-        """Whether every pixel has fresh samples, which need a turned map rather than turned lights."""
+        """Whether every pixel has its own samples, which need a turned map rather than turned lights."""
         return self.method in ESTIMATORS
 
     @property
     def pixels(self) -> str:
-        """What the method takes the map's pixels for."""
+        """How the method treats the map's pixels: as centres or as areas."""
         return ESTIMATORS[self.method].pixels if self.is_per_pixel else "centres"
 
 
 def parse_setting(values: Mapping[str, Any], maps: int) -> Setting:
-    """A page's wish; raises :class:`LightdomeError` for whatever is missing, of another type or out of range."""
+    """The setting a page asks for; raises :class:`LightdomeError` for a missing or invalid value."""
     method = checks.choice("method", _of(values, "method"), METHODS)
     sequences = PIXEL_SEQUENCES if method in ESTIMATORS else SEQUENCES
     sequence = _of(values, "sequence")
@@ -94,14 +94,14 @@ def _real(values: Mapping[str, Any], name: str, low: float, high: float) -> floa
 
 
 def halved(values: np.ndarray) -> tuple[np.ndarray, float]:
-    """Half floats and the factor that they are to be multiplied by, so that the largest fits."""
+    """Values scaled to fit half floats, and the factor that restores them."""
     peak = float(max(values.max(), -values.min()))
     scale = peak / HALF_PEAK if peak > 0 else 1.0
     return (values * np.float32(1 / scale) if 1 / scale < np.inf else values / scale).astype(np.float16), scale
 
 
 def packed(header: Mapping[str, object], arrays: Mapping[str, np.ndarray | tuple[np.ndarray, float]]) -> bytes:
-    """An answer: a header, and arrays, each with a scale unless that is 1."""
+    """Pack an answer: a header, and arrays, alone or in a pair with their scale."""
     described, parts, offset = {}, [], 0
     for name, value in arrays.items():
         array, scale = value if isinstance(value, tuple) else (value, 1.0)

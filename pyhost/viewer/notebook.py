@@ -1,4 +1,4 @@
-"""The page in a notebook."""
+"""Shows the page in a notebook."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ MISSING = "the page needs starlette, uvicorn and websockets: pip install 'lightd
 
 
 class View:
-    """The page of some maps: a notebook shows it in a frame, and :attr:`url` is its address.
+    """The page for some maps. A notebook shows it in a frame; :attr:`url` is its address.
 
-    It runs until :meth:`close`, or until the program ends.
+    Its server runs until :meth:`close`, or until the program ends.
     """
 
     def __init__(self, device: Device | None, maps: list[tuple[str, str, EnvironmentMap]], height: int) -> None:
@@ -31,7 +31,7 @@ class View:
 
     @property
     def url(self) -> str:
-        """The address, for a browser on this machine; it holds a token, and who knows it may use the page."""
+        """The address, for a browser on this machine. It contains a token: anyone who knows it can use the page."""
         return self._server.url
 
     def __repr__(self) -> str:
@@ -44,20 +44,20 @@ class View:
         )
 
     def close(self) -> None:
-        """End the server."""
+        """Stop the server."""
         self._server.close()
 
 
 def view(
     envmap: EnvironmentMap | Mapping[str, EnvironmentMap], device: Device | None = None, height: int = 900
 ) -> View:
-    """Show a map, or several by name, with its samples, the sphere and the error on a page that answers to the hand.
+    """Show a map, or several by name, on an interactive page with samples, the sphere and the error.
 
-    - ``device``: by default the one of :func:`lightdome.open_device`
-    - ``height``: of the frame in a notebook, in pixels
+    - ``device``: by default, what :func:`lightdome.open_device` opens
+    - ``height``: height of the frame in a notebook, in pixels
 
-    The page is served on this machine alone, and only to who has its address. Raises :class:`LightdomeError` where what
-    the extra ``[view]`` installs is missing, and for anything but maps.
+    The page is served only on this machine, and only to those who know its address. Raises :class:`LightdomeError` if
+    the packages of the extra ``[view]`` are missing, and for anything but maps.
     """
     maps = dict(envmap) if isinstance(envmap, Mapping) else {"map": envmap}
     if not maps:
@@ -69,7 +69,7 @@ def view(
 
 
 def server_class() -> type[Server]:
-    """:class:`lightdome.viewer.server.Server`; raises :class:`LightdomeError` where what it needs is not installed."""
+    """:class:`lightdome.viewer.server.Server`; raises :class:`LightdomeError` if its packages are missing."""
     try:
         import starlette  # noqa: F401
         import uvicorn  # noqa: F401

@@ -1,7 +1,7 @@
-"""Serves the page, and answers what it asks for over a WebSocket.
+"""Serves the page, and answers its requests over a WebSocket.
 
-Each page has one place for what it wants next: a newer wish replaces one that waits, and the page asks again only when
-it has its answer, so nothing piles up. One thread computes, for all pages in turn.
+Of each kind of request, a page has at most one waiting: a newer one replaces it. The page asks for the next picture
+only when it has its answer, so nothing piles up. One thread computes for all pages in turn.
 """
 
 from __future__ import annotations
@@ -48,14 +48,14 @@ FILES = {  # the only files that are served
     "style.css": ("style.css", "text/css"),
     **{f"{name}.js": (f"{name}.js", "text/javascript") for name in ("main", "state", "draw", "plots", "tabs")},
 }
-REST_SECONDS = 0.2  # without a new wish, until the hand is taken to rest
-MESSAGE_BYTES = 2**16  # of what a page sends
+REST_SECONDS = 0.2  # without a new request before the exact image is started
+MESSAGE_BYTES = 2**16  # largest message from a page
 MOST_PAGES = 16
 UPLOAD_SECONDS = 60.0
 
 
 class Wishes:
-    """What a page wants next: at most one wish of each kind, the newest."""
+    """A page's waiting requests ("wishes"): of each kind at most one, the newest."""
 
     def __init__(self) -> None:
         self._wishes: dict[str, dict[str, Any]] = {}
@@ -65,14 +65,14 @@ class Wishes:
         return len(self._wishes)
 
     def put(self, wish: dict[str, Any]) -> None:
-        """A wish replaces an older one of its kind."""
+        """Add a wish, in place of an older one of the same kind."""
         kind = wish.get("do")
         if isinstance(kind, str) and kind in DO:
             self._wishes[kind] = wish
             self._event.set()
 
     async def get(self, seconds: float | None = None) -> dict[str, Any] | None:
-        """The next one, or None if there is none for ``seconds``."""
+        """The next wish, or None if none comes within ``seconds``."""
         try:
             await asyncio.wait_for(self._event.wait(), seconds)
         except asyncio.TimeoutError:
@@ -84,7 +84,7 @@ class Wishes:
 
 
 class Server:
-    """The page of some maps, under :attr:`url` until :meth:`close`; runs in threads of its own."""
+    """Serves the page for some maps at :attr:`url` until :meth:`close`, in its own threads."""
 
     def __init__(
         self,
@@ -96,7 +96,7 @@ class Server:
     ) -> None:
         self.token = secrets.token_urlsafe(24)
         self._compute = ThreadPoolExecutor(1, "lightdome compute")
-        self._checks = ThreadPoolExecutor(1, "lightdome check")  # they take seconds, in which pages go on
+        self._checks = ThreadPoolExecutor(1, "lightdome check")  # checks take seconds, and must not hold up the pages
         self._checker: Checker | None = None
         self.engine = self._compute.submit(lambda: Engine(device or open_device(), list(maps))).result()
         self.pages = 0
@@ -105,7 +105,7 @@ class Server:
         try:
             listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             listening.bind((host, port))
-            listening.listen()  # who comes before the server's loop runs waits
+            listening.listen()  # connections wait until the server's loop runs
         except OSError as error:
             listening.close()
             raise LightdomeError(
@@ -127,7 +127,7 @@ class Server:
             ws="websockets-sansio",
             ws_max_size=MESSAGE_BYTES,
             ws_max_queue=4,
-            ws_per_message_deflate=False,  # floats do not deflate, and it takes longer than all else
+            ws_per_message_deflate=False,  # floats hardly compress, and trying takes longer than all the rest
             timeout_graceful_shutdown=1,
         )
         self._uvicorn = uvicorn.Server(config)
@@ -138,18 +138,18 @@ class Server:
 
     @property
     def url(self) -> str:
-        """The address of the page; who knows it may use the server."""
+        """The address of the page; anyone who knows it can use the server."""
         host = socket.gethostname() if self.host in ("0.0.0.0", "::") else self.host
         host = f"[{host}]" if ":" in host else host
         return f"http://{host}:{self.port}/{self.token}/"
 
     def wait(self) -> None:
-        """Until the server ends."""
+        """Wait until the server ends."""
         while self._thread.is_alive():
             self._thread.join(1.0)
 
     def close(self) -> None:
-        """End the server, and wait for it."""
+        """Stop the server and wait for it to end."""
         self._uvicorn.should_exit = True
         self._thread.join()
         for threads in self._compute, self._checks:
@@ -164,10 +164,10 @@ class Server:
         name, kind = found
         return Response((STATIC / name).read_bytes(), media_type=kind)
 
-    # ---- what it asks for ----
+    # ---- the page's requests ----
 
     async def _run(self, function: Callable[..., T], *arguments: object) -> T:
-        """In the thread that owns the device."""
+        """Run a function in the thread that owns the device."""
         return await asyncio.get_running_loop().run_in_executor(self._compute, function, *arguments)
 
     async def _talk(self, socket: WebSocket) -> None:
@@ -193,7 +193,7 @@ class Server:
             self.pages -= 1
 
     async def _answers(self, socket: WebSocket, wishes: Wishes) -> None:
-        """Answer until the page is gone; a defect is told here, and ends the connection."""
+        """Answer until the page is gone; an unexpected error is printed and closes the connection."""
         try:
             await self._answer(socket, wishes)
         except (WebSocketDisconnect, asyncio.CancelledError):
@@ -203,7 +203,7 @@ class Server:
             await socket.close(1011)
 
     async def _answer(self, socket: WebSocket, wishes: Wishes) -> None:
-        """Answer wishes, the newest first; where none follows, go on with what the last picture lacks."""
+        """Answer wishes; while none waits, compute what the last picture still lacks."""
         sent, after = Sent(), None
         hello = {
             "kind": "hello",
@@ -244,7 +244,7 @@ class Server:
         return packed({"kind": "fresnel", **reflectance(wish.get("eta"))}, {})
 
     async def _save(self, wish: dict[str, Any]) -> bytes:
-        """The lights as a file for another program; the page gives it to the browser."""
+        """The lights as a file for another program, which the page offers as a download."""
         form = checks.choice("format of lights", wish.get("format"), LIGHT_FORMATS)
         lights = await self._run(self.engine.lights, parse_setting(wish, len(self.engine.scenes)))
         with tempfile.TemporaryDirectory() as folder:
@@ -258,17 +258,17 @@ class Server:
         return packed({"kind": "command", "lines": lines, "note": note}, {})
 
     def _checked(self, options: dict[str, str], data: bytes) -> bytes:
-        if self._checker is None:  # a device serves one thread
+        if self._checker is None:  # a device belongs to one thread, so this one needs its own
             device = open_device(self.engine.device.description)
             self._checker = Checker(device, [scene.envmap for scene in self.engine.scenes])
         return self._checker.checked(options, data)
 
     async def _check(self, request: Request) -> Response:
-        """Check an image that was dropped on the page."""
+        """Check an uploaded image."""
         try:
             data = await asyncio.wait_for(_body(request), UPLOAD_SECONDS)
             if data is None:
-                return JSONResponse({"error": f"a file may have {MOST_BYTES >> 20} MiB at most"}, 413)
+                return JSONResponse({"error": f"a file may have at most {MOST_BYTES >> 20} MiB"}, 413)
             loop = asyncio.get_running_loop()
             answer = await loop.run_in_executor(self._checks, self._checked, dict(request.query_params), data)
         except LightdomeError as error:
@@ -279,7 +279,7 @@ class Server:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether nobody but this machine reaches a server there."""
+    """Whether only this machine can reach a server at ``host``."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -287,7 +287,7 @@ def is_loopback(host: str) -> bool:
 
 
 async def _body(request: Request) -> bytes | None:
-    """What was sent, or None where it is too much."""
+    """The body of a request, or None if it is too large."""
     data = bytearray()
     async for part in request.stream():
         data += part
@@ -297,7 +297,7 @@ async def _body(request: Request) -> bytes | None:
 
 
 DO: dict[str, Callable[[Server, dict[str, Any]], Awaitable[bytes]]] = {
-    "frame": Server._map,  # answered in place, for what follows it
+    "frame": Server._map,  # never called: _answer handles frames itself
     "map": Server._map,
     "fresnel": Server._fresnel,
     "save": Server._save,

@@ -1,4 +1,4 @@
-"""The command lines that make what a page shows."""
+"""The command lines that compute what a page shows."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from ..errors import exactly
 from ..maps.rotation import rotation_matrix
 from .messages import CUT, HARMONICS, SHARED, Setting
 
-OTHER_SAMPLES = "The map is turned before it is sampled there, so the samples are others of the same light."
+OTHER_SAMPLES = "These commands turn the map before they sample it, so they draw different samples of the same light."
 
 
 def commands(setting: Setting, arguments: str) -> tuple[list[str], str]:
-    """Commands that make the image of a setting, and a remark on where they differ from the page, or "".
+    """Commands that compute the image of a setting, and a note on how they differ from the page, or "".
 
-    ``arguments`` are what follows ``--map``: the map's path, and options of how to read it, ``--rotate`` last.
+    ``arguments`` is what follows ``--map``: the map's path, and options for reading it, with ``--rotate`` last.
     """
     path, *options = shlex.split(arguments)
     angles = setting.angles
@@ -33,7 +33,7 @@ def commands(setting: Setting, arguments: str) -> tuple[list[str], str]:
         sample = ["sample", *of_map, "--counts", setting.count, "--sequence", setting.sequence, "--seed", setting.seed]
         return [_line(*sample), _line("shade", f"out/part2/samples_{setting.count}.npz", *sphere)], note
     if setting.method == CUT:
-        note = "The lights; lightdome.shade makes the image of them in Python." + (f" {note}" if note else "")
+        note = "This writes the lights; in Python, lightdome.shade computes their image." + (f" {note}" if note else "")
         return [_line("lights", path, *options, *turned, "--count", setting.count, "--out", "lights.csv")], note
     if setting.method == HARMONICS:
         program = (
@@ -48,10 +48,10 @@ def commands(setting: Setting, arguments: str) -> tuple[list[str], str]:
 
 
 def together(first: tuple[float, float, float], then: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Yaw, pitch and roll, degrees, of two turns one after the other."""
+    """Yaw, pitch and roll, in degrees, of two turns, one after the other."""
     matrix = rotation_matrix(*then) @ rotation_matrix(*first)
     sine = float(np.clip(-matrix[1, 2], -1, 1))
-    if abs(sine) > 1 - 1e-7:  # yaw and roll turn about one axis
+    if abs(sine) > 1 - 1e-7:  # yaw and roll turn about the same axis
         angles = math.atan2(-matrix[2, 0], matrix[0, 0]), math.copysign(math.pi / 2, sine), 0.0
     else:
         roll = math.atan2(matrix[1, 0], matrix[1, 1])

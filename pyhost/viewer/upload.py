@@ -1,4 +1,4 @@
-"""An image that was dropped on the page, checked as ``lightdome check image`` checks a file."""
+"""Checks an image dropped on the page, as ``lightdome check image`` checks a file."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from ..maps.images import ImageRows
 from ..opencl.device import Device
 from .messages import packed
 
-MOST_BYTES = 2**26  # of a file
-MOST_PIXELS = 2**22  # of its image, which compression may make much larger than the file
+MOST_BYTES = 2**26  # size of a file
+MOST_PIXELS = 2**22  # size of its image: a compressed file may hold a far larger one
 SUFFIXES = (".pfm", ".exr", ".hdr")
-SHOWN = 512  # pixels across, of the images that go back
+SHOWN = 512  # largest width of the images sent back, in pixels
 
 
 @dataclass(frozen=True, eq=False)
 class Checker:
-    """Checks images under one of ``maps``, on a device of its own."""
+    """Checks images lit by one of ``maps``, on its own device."""
 
     device: Device
     maps: Sequence[EnvironmentMap]
 
     def checked(self, options: Mapping[str, str], data: bytes) -> bytes:
-        """The verdict on a file's bytes, and the images to look at; raises :class:`LightdomeError` for what is none.
+        """The verdict on a file's content, and the images to show; raises :class:`LightdomeError` if it is no image.
 
         ``options``: the number of the ``map``, the file's ``suffix``, ``albedo``, and ``samples`` or ``spp`` if known.
-        The file is read under a name of our own.
+        The content is stored under a name that this program chooses.
         """
         suffix = checks.choice("kind of file", options.get("suffix"), SUFFIXES)
         envmap = self.maps[_whole(options, "map", 0, len(self.maps) - 1) or 0]
@@ -58,7 +58,7 @@ def _read(suffix: str, data: bytes) -> tuple[np.ndarray, bool]:
         try:
             rows = ImageRows(path)
             if rows.height * rows.width > MOST_PIXELS:
-                raise LightdomeError(f"{rows.width} x {rows.height} pixels are too many; this page takes {MOST_PIXELS}")
+                raise LightdomeError(f"{rows.width} x {rows.height} pixels are too many; the limit is {MOST_PIXELS}")
             return read_rendered(path)
         except LightdomeError as error:
             raise LightdomeError(str(error).replace(str(path), "the file")) from None
@@ -80,6 +80,6 @@ def _told(check: ImageCheck) -> dict[str, object]:
 
 
 def _small(image: np.ndarray) -> np.ndarray:
-    """Every n-th pixel, so that no more than SHOWN are left across."""
+    """Every n-th pixel, so that the image is at most SHOWN pixels wide."""
     step = -(-len(image) // SHOWN)
     return np.ascontiguousarray(image[step // 2 :: step, step // 2 :: step], np.float32)

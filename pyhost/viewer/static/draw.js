@@ -1,4 +1,4 @@
-// Draws the map and the spheres with WebGL: exposure, tone, wipe and false colour need no answer from the server.
+// Draws the map and the spheres with WebGL: changes of exposure, tone, wipe and false colour need no server.
 
 const TONE = `
 uniform float exposure, gamma;
@@ -17,7 +17,7 @@ in vec2 uv;
 uniform sampler2D map, outlines;
 uniform float scale;
 uniform bool outlined;
-uniform mat3 back;  // a turned direction to the one in the file
+uniform mat3 back;  // from a turned direction to the direction in the file
 out vec4 colour;
 const float PI = 3.14159265358979;
 void main() {
@@ -42,7 +42,7 @@ void main() {
   vec3 d = turn * direction;
   vec2 at = vec2(atan(d.z, d.x) / PI, 1.0 - 2.0 * acos(clamp(d.y, -1.0, 1.0)) / PI);
   at.x = at.x < 0.0 ? at.x + 1.0 : at.x - 1.0;  // phi from 0 to 2 pi, as -1 to 1
-  gl_Position = vec4(at.x + 2.0 * float(gl_InstanceID - 1), at.y, 0.0, 1.0);  // once more beyond each side
+  gl_Position = vec4(at.x + 2.0 * float(gl_InstanceID - 1), at.y, 0.0, 1.0);  // drawn again one map width to the left and right
   pixels = clamp(unit * size, 0.5 * unit, 4.0 * unit) + 3.0;
   gl_PointSize = pixels;
 }`;
@@ -63,12 +63,12 @@ const SPHERE = `${HEAD}${TONE}
 in vec2 uv;
 uniform sampler2D image, reference;
 uniform float image_scale, reference_scale, wipe, difference, pixels;
-uniform int kind;  // 0 the image, wiped with the exact one; 1 the exact one; 2 their difference
+uniform int kind;  // 0: the image, wiped to the exact one; 1: the exact image; 2: their difference
 uniform vec3 neutral;
-uniform bool turned;  // the reference is six images, which show the sphere from all sides, and is to be turned
+uniform bool turned;  // the reference is six images of the sphere, one per side, to be looked up through back
 uniform mat3 back;
 out vec4 colour;
-// The six images lie side by side, each of the sphere with +z, -z, +x, -x, +y or -y in front.
+// The six images lie side by side; they show the sphere with +z, -z, +x, -x, +y and -y in front.
 vec2 in_six(vec3 d) {
   vec3 size = abs(d), n = vec3(d.x, d.y, 0.0);
   if (size.z >= size.x && size.z >= size.y) { if (d.z < 0.0) n = vec3(-d.x, d.y, 1.0); }
@@ -118,7 +118,7 @@ function context(canvas) {
   return gl;
 }
 
-/** Gives a canvas as many pixels as it has on the screen, or a share of them across. */
+/** Gives a canvas the resolution it has on the screen, times `share` in each direction. */
 function fit(canvas, share = 1) {
   const ratio = share * Math.min(2, window.devicePixelRatio || 1);
   const width = Math.max(1, Math.round(canvas.clientWidth * ratio)), height = Math.max(1, Math.round(canvas.clientHeight * ratio));
@@ -127,7 +127,7 @@ function fit(canvas, share = 1) {
   canvas.height = height;
 }
 
-/** A texture that arrays of an answer go into: { shape, type, data, scale }. */
+/** A texture for an array of an answer: { shape, type, data, scale }. */
 class Texture {
   constructor(gl, wrap) {
     this.gl = gl;
@@ -203,7 +203,7 @@ export class MapView {
     }
   }
 
-  /** Outlines of regions (x0, y0, x1, y1) of a map of width x height pixels, as a picture of lines: white in black. */
+  /** Draws the outlines of regions (x0, y0, x1, y1) of a width x height map into a texture: white lines on black. */
   putRegions(regions, width, height) {
     const gl = this.gl;
     this.outlined = regions.length > 0;
@@ -232,7 +232,7 @@ export class MapView {
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.REPEAT);
   }
 
-  /** A map that moves is drawn coarser where no GPU draws: that takes longer than the sphere's light. */
+  /** Without a GPU, a moving map is drawn more coarsely: drawing it takes longer than shading the sphere. */
   draw(matrix, tone, showMarks, isMoving) {
     const { gl, canvas } = this;
     fit(canvas, isMoving && gl.inSoftware ? 0.6 : 1);
@@ -264,7 +264,7 @@ export class MapView {
 
 const transposed = (m) => [0, 1, 2].map((i) => m.map((row) => row[i]));
 
-/** A method's sphere, wiped with the exact one; the exact one; and their difference: side by side, or the first above. */
+/** Three spheres, in a row or with the first on top: the method's, wiped to the exact one; the exact; the difference. */
 export class SphereView {
   constructor(canvas) {
     const gl = context(canvas);
@@ -277,7 +277,7 @@ export class SphereView {
     this.empty = gl.createVertexArray();
   }
 
-  /** Squares of the three pictures in the canvas: x, y from the lower left corner, and side; in pixels. */
+  /** The squares of the three pictures: x and y from the canvas's lower left corner, and the side, in pixels. */
   places() {
     const { width, height } = this.canvas;
     if (width > 2 * height) {
@@ -288,7 +288,7 @@ export class SphereView {
     return [[0, height - width, width], [0, 0, small], [width - small, 0, small]];
   }
 
-  /** `turn` is the rotation of a stand-in for the exact image; null for the exact image itself. */
+  /** `turn` is the rotation of the approximate exact image, or null if the exact image is there. */
   draw({ wipe, difference, albedo, neutral, tone, turn = null }) {
     const { gl, canvas, forSphere } = this;
     fit(canvas);

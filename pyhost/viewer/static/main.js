@@ -1,4 +1,4 @@
-// The page: controls and hands change the state; the state is asked for, one picture at a time, and drawn.
+// The page: controls and dragging change the state; the server is asked for its picture, one at a time.
 
 import { MapView, SphereView } from "./draw.js";
 import { ends, logLog, paretoFront, percent, short, thousands } from "./plots.js";
@@ -14,18 +14,18 @@ const TABS = ["light", "fresnel", "check"];
 const FORMATS = { csv: "CSV", json: "JSON", pbrt: "PBRT", mitsuba: "Mitsuba", gltf: "glTF", usda: "USD", blender: "Blender" };
 const TYPES = { float16: Uint16Array, float32: Float32Array, int32: Int32Array, uint8: Uint8Array };
 const MOST_POINTS = 500;
-const TELLING = 120; // milliseconds between two changes of the numbers while the hand moves
-const PATIENCE = 120; // milliseconds that the map waits for its sphere
+const TELLING = 120; // milliseconds between updates of the numbers while the user drags
+const PATIENCE = 120; // milliseconds for which the map waits for its sphere
 
 let mapView = null, sphereView = null;
 const maps = new Map(); // headers of answers, by number
-let hasPictures = false; // from the server, where there is no WebGL
-let shownTurn = rotation(state); // of the map; that of the sphere beside it
+let hasPictures = false; // true without WebGL: the server draws
+let shownTurn = rotation(state); // the rotation of the map and sphere on the screen
 let numbers = { brightest: 0 };
 let points = [], followed = null, now = null;
-// For measurements: what the last frames took, in milliseconds;
+// For measurements: the times of the latest frames, in milliseconds.
 const frames = [];
-// and tests: what is shown, and whether it is all that this state shows.
+// For tests: what is shown, and whether the page has finished updating.
 globalThis.lightdomeView = {
   state, frames, turn, front: () => paretoFront(points),
   get points() { return points; },
@@ -37,11 +37,11 @@ globalThis.lightdomeView = {
   },
 };
 
-// ---- talking with the server ----
+// ---- talking to the server ----
 
 let socket = null, isOpen = false, inFlight = null, isWaiting = false, isMoving = false, movedAt = 0, tries = 0;
 
-/** An answer, taken apart; the arrays are views of its bytes. */
+/** Unpacks an answer; the arrays are views of its bytes. */
 export function decode(buffer) {
   const length = new DataView(buffer).getUint32(0, true);
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
@@ -68,7 +68,7 @@ function connect() {
   socket.onmessage = ({ data }) => hear(decode(data));
   socket.onclose = () => {
     isOpen = false;
-    banner("No connection. The command may have ended; this page tries again.");
+    banner("Not connected. The command may have ended. Trying to reconnect …");
     setTimeout(connect, Math.min(10000, 500 * 2 ** tries++));
   };
 }
@@ -82,13 +82,13 @@ function wish() {
   return asked;
 }
 
-/** The state changed: ask for its picture, now or when the one that is awaited is there. */
+/** The state changed: ask for its picture, now or as soon as the pending answer arrives. */
 function changed(moving, since = performance.now()) {
   isMoving = moving;
   if (!isWaiting) movedAt = since;
   isWaiting = true;
   ask();
-  // The map waits for its sphere, unless that takes long.
+  // The map waits for its sphere, but not for long.
   if (performance.now() - Math.max(drawnAt, inFlight?.asked ?? 0) > PATIENCE) {
     shownTurn = rotation(state);
     redraw();
@@ -196,8 +196,8 @@ function tellNumbers(header, isExact, setting) {
   const flight = frames[frames.length - 1];
   if (flight) $("whole-ms").textContent = `${(flight.drawn - flight.moved).toFixed(0)} ms`;
   $("method-ms").textContent = `${header.method_ms.toFixed(1)} ms`;
-  $("numbers-note").textContent = isExact ? "Against the exact image." : "Against a quick stand-in for the exact image, until the hand rests.";
-  $("exact-state").textContent = isExact ? "" : "stand-in while moving";
+  $("numbers-note").textContent = isExact ? "Compared with the exact image." : "Compared with an approximation; the exact image follows when you stop moving.";
+  $("exact-state").textContent = isExact ? "" : "approximate while moving";
   $("method-name").textContent = methodName(setting ?? state);
   if (brightest === 0) $("numbers-note").textContent = "The image is black.";
 }
@@ -232,7 +232,7 @@ function redraw(then = null) {
 
 let mustTell = null, toldAt = 0;
 
-/** Bring controls and numbers up to date: while the hand moves not for every picture, since nobody reads that fast. */
+/** Bring controls and numbers up to date. While the user drags, not for every picture: nobody reads that fast. */
 function tell() {
   toldAt = performance.now();
   if (mustShow) for (const show of shows) show();
@@ -255,7 +255,7 @@ function draw() {
   });
 }
 
-/** The difference that has full colour, radiance. */
+/** The difference that is drawn in full colour, in radiance. */
 const greatest = () => (state.difference / 100) * (numbers.brightest || 1);
 
 // ---- numbers ----
@@ -278,8 +278,8 @@ function plotTried() {
     { points, kind: "marks" },
     { points: last, kind: "now" },
   ];
-  logLog($("error-time"), series, { x: "time of the method, ms", y: "relative RMSE" });
-  $("tried").textContent = `${points.length} tried; the line is the best for each time.`;
+  logLog($("error-time"), series, { x: "method time, ms", y: "relative RMSE" });
+  $("tried").textContent = `${points.length} tried; the line shows the best for each time.`;
 }
 
 function plotFollowed() {
@@ -289,14 +289,14 @@ function plotFollowed() {
   const along = followed.counts.map((x, n) => ({ x, y: followed.rmse[n], label: `${x}: ${percent(followed.rmse[n])}` }));
   logLog($("error-count"), [{ points: along, kind: "line" }], { x: label, y: "relative RMSE", formatX: thousands });
   const { slope } = followed;
-  $("slope").textContent = slope === null ? "" : `Slope ${slope.toFixed(2).replace("-", "−")}: twice as many, ${Math.round(100 * (1 - 2 ** slope))} % less error. Independent points have −0.50.`;
+  $("slope").textContent = slope === null ? "" : `Slope ${slope.toFixed(2).replace("-", "−")}: doubling the number cuts the error by ${Math.round(100 * (1 - 2 ** slope))} %. Independent samples have a slope of −0.50.`;
 }
 
 // ---- controls ----
 
 const option = (value, text) => Object.assign(document.createElement("option"), { value, textContent: text });
 
-/** A number with a slider: both show the state, and both change it. */
+/** A number field with a slider: both show the state and change it. */
 function numeric(name, toPosition = (v) => v, fromPosition = (v) => v, onChange = changed) {
   const input = $(name), slider = $(`${name}-slider`);
   const set = (value, moving) => {
@@ -318,7 +318,7 @@ function numeric(name, toPosition = (v) => v, fromPosition = (v) => v, onChange 
   return set;
 }
 
-const shows = []; // each brings a control up to the state
+const shows = []; // each makes one control show the state
 const locally = () => { redraw(); remember(); if (hasPictures) changed(false); };
 
 function buildControls() {
@@ -393,7 +393,7 @@ function nextSeed() {
 function turn(by, moving, since) {
   Object.assign(state, by);
   changed(moving, since);
-  mustShow = true; // with the next picture
+  mustShow = true; // the controls follow with the next picture
 }
 
 let remembering = null;
@@ -405,9 +405,9 @@ function remember() {
   }, 300);
 }
 
-// ---- hands on the pictures ----
+// ---- dragging the pictures ----
 
-/** Dragging turns the light; `turned` gives the rotation for where the pointer was at first and is now. */
+/** Dragging turns the light; `turned` returns the rotation for the pointer's first and current position. */
 function draggable(view, turned) {
   let start = null;
   view.addEventListener("pointerdown", (event) => {
@@ -438,7 +438,7 @@ function buildHands() {
     return times(about("x", (2 * (to.y - from.y)) / side), about("y", (2 * (to.x - from.x)) / side));
   });
   draggable(map, (from, to) => {
-    // What lies under the pointer follows it: in azimuth by a yaw, in height by a tilt. A level drag is a yaw alone.
+    // The point under the pointer follows it: horizontally by a yaw, vertically by a tilt. A level drag only yaws.
     const phi = (x) => (2 * Math.PI * x) / map.clientWidth, theta = (y) => (Math.PI * y) / map.clientHeight;
     const yaw = about("y", phi(from.x) - phi(to.x));
     from.tilts ||= Math.abs(to.y - from.y) > 8 && Math.abs(to.y - from.y) > 0.5 * Math.abs(to.x - from.x);
@@ -480,31 +480,31 @@ const counts = (factor) => () => {
   changed(false);
 };
 const KEYS = [
-  ["?", "these keys", () => $("help").showModal()],
-  ["1", "the page on light", () => openTab("light")],
-  ["2", "the page on Fresnel reflectance", () => openTab("fresnel")],
-  ["3", "the page that checks an image", () => openTab("check")],
-  ["m", "the next method", () => choose(cycle(Object.keys(SEQUENCES), state.method))],
-  ["s", "the next sequence", () => {
+  ["?", "show these shortcuts", () => $("help").showModal()],
+  ["1", "Light tab", () => openTab("light")],
+  ["2", "Fresnel tab", () => openTab("fresnel")],
+  ["3", "Check tab", () => openTab("check")],
+  ["m", "next method", () => choose(cycle(Object.keys(SEQUENCES), state.method))],
+  ["s", "next sequence", () => {
     if (!SEQUENCES[state.method].length) return;
     state.sequence = cycle(SEQUENCES[state.method], state.sequence);
     showControls();
     changed(false);
   }],
   ["+", "twice as many samples", counts(2)],
-  ["-", "half as many", counts(0.5)],
-  ["n", "the next seed", nextSeed],
+  ["-", "half as many samples", counts(0.5)],
+  ["n", "next seed", nextSeed],
   ["e", "half a stop brighter", steps("ev", 0.5)],
   ["d", "half a stop darker", steps("ev", -0.5)],
-  ["w", "wipe to the exact image, and back", () => { state.wipe = state.wipe > 50 ? (state.wipe === 100 ? 50 : 100) : state.wipe === 0 ? 100 : 0; showControls(); locally(); }],
+  ["w", "wipe: method, half and half, exact image", () => { state.wipe = state.wipe > 50 ? (state.wipe === 100 ? 50 : 100) : state.wipe === 0 ? 100 : 0; showControls(); locally(); }],
   ["x", "show or hide the marks", () => { state.marks = !state.marks; showControls(); locally(); }],
-  ["0", "the light as in the file", () => turn({ yaw: 0, pitch: 0, roll: 0 }, false)],
+  ["0", "reset the rotation of the light", () => turn({ yaw: 0, pitch: 0, roll: 0 }, false)],
   ["p", "save the picture", () => savePicture()],
 ];
 
 function buildKeys() {
   const rows = KEYS.map(([key, what]) => [key, what]);
-  rows.push(["← → ↑ ↓", "on a picture: turn the light by 5°, with Shift by 1°"], ["[ ]", "on a picture: roll the light"]);
+  rows.push(["← → ↑ ↓", "with a picture in focus: turn the light by 5°, or 1° with Shift"], ["[ ]", "with a picture in focus: roll the light"]);
   rows.push(["Shift, drag", "on the sphere: roll the light"]);
   fill($("keys"), rows, false);
   document.addEventListener("keydown", (event) => {
@@ -576,7 +576,7 @@ function download(name, blob) {
   setTimeout(() => URL.revokeObjectURL(link.href), 10000);
 }
 
-/** The map and the spheres as they are seen, in one PNG. */
+/** Saves the map and the spheres, as shown, in one PNG. */
 function savePicture() {
   const parts = hasPictures
     ? ["map", "image", "reference", "difference"].map((name) => $(`${name}-picture`))

@@ -1,4 +1,4 @@
-// Plots as SVG. What their colours say, their marks and dashes say too.
+// Plots as SVG. Marks and dashes repeat whatever a colour says.
 
 const NS = "http://www.w3.org/2000/svg";
 
@@ -10,7 +10,7 @@ export function element(parent, name, attributes = {}, text = null) {
   return made;
 }
 
-/** The points that nothing beats in both time and error, by increasing time; lightdome.evaluation.metrics has the same. */
+/** The points that no other beats in both time and error, by increasing time, as in lightdome.evaluation.metrics. */
 export function paretoFront(points) {
   const front = [];
   for (const point of [...points].sort((a, b) => a.x - b.x || a.y - b.y)) {
@@ -19,7 +19,7 @@ export function paretoFront(points) {
   return front;
 }
 
-/** Three digits, and no exponent where it is not needed. */
+/** A number with three digits, with an exponent only if it needs one. */
 export function short(value) {
   if (value === 0) return "0";
   const size = Math.abs(value);

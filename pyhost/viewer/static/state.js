@@ -1,4 +1,4 @@
-// What the page shows, as one object that the address holds too; and the mathematics of turning.
+// The page's state, as one object that its address also holds; and the mathematics of rotations.
 
 export const SEQUENCES = {
   shared: ["sobol", "lattice", "r2", "stratified", "independent"],
@@ -16,7 +16,7 @@ export const SEQUENCE_NAMES = {
   stratified: "Stratified",
   independent: "Independent",
 };
-// Per method: the most, what a page starts with, and what is counted.
+// Per method: the smallest and largest count, the initial one, and the label of what is counted.
 export const COUNTS = {
   shared: { low: 1, most: 65536, first: 256, label: "Samples" },
   "median-cut": { low: 1, most: 4096, first: 64, label: "Lights" },
@@ -35,7 +35,7 @@ export const INITIAL = {
   ev: 0, gamma: 2.2, tone: "clip", difference: 10, albedo: 1, resolution: 511, marks: true, wipe: 100, eta: 1.4,
 };
 
-/** The state that an address holds; whatever in it is wrong has the initial value. */
+/** The state that an address holds, with the initial value for anything invalid. */
 export function readAddress(hash) {
   const state = { ...INITIAL };
   for (const [name, text] of new URLSearchParams(hash.replace(/^#/, ""))) {
@@ -54,14 +54,14 @@ export function readAddress(hash) {
   return fitting(state);
 }
 
-/** The address of a state: what differs from the initial one. */
+/** The address of a state; it lists only what differs from the initial state. */
 export function toAddress(state) {
   const words = new URLSearchParams();
   for (const name of Object.keys(INITIAL)) if (state[name] !== INITIAL[name]) words.set(name, String(state[name]));
   return words.size ? `#${words}` : "#";
 }
 
-/** A state whose sequence and count fit its method. */
+/** Adjusts a state's sequence and count to its method. */
 export function fitting(state) {
   const sequences = SEQUENCES[state.method];
   if (sequences.length && !sequences.includes(state.sequence)) state.sequence = sequences[0];
@@ -76,7 +76,7 @@ export const fromSlider = (method, value) => (method === "harmonics" ? value : M
 
 const radians = (degrees) => (degrees * Math.PI) / 180;
 
-/** R_y(yaw) R_x(pitch) R_z(roll), rows of a 3 x 3 matrix: light from d comes from R d afterwards. */
+/** The matrix R = R_y(yaw) R_x(pitch) R_z(roll), by rows: light from d comes from R d after the turn. */
 export function rotation({ yaw, pitch, roll }) {
   return times(times(about("y", radians(yaw)), about("x", radians(pitch))), about("z", radians(roll)));
 }
@@ -88,7 +88,7 @@ export function about(axis, angle) {
   return [[c, -s, 0], [s, c, 0], [0, 0, 1]];
 }
 
-/** A turn by an angle about a unit vector. */
+/** The rotation by an angle, in radians, about a unit vector. */
 export function aboutVector([x, y, z], angle) {
   const c = Math.cos(angle), s = Math.sin(angle), t = 1 - c;
   return [
@@ -100,7 +100,7 @@ export function aboutVector([x, y, z], angle) {
 
 export const times = (a, b) => a.map((row) => [0, 1, 2].map((j) => row[0] * b[0][j] + row[1] * b[1][j] + row[2] * b[2][j]));
 
-/** Yaw, pitch and roll of a rotation, in degrees, rounded so that an address stays short. */
+/** Yaw, pitch and roll of a rotation, in degrees, rounded to keep the address short. */
 export function angles(R) {
   const degrees = (x) => Math.round((x * 180e4) / Math.PI) / 1e4 + 0;
   const sine = Math.max(-1, Math.min(1, -R[1][2]));

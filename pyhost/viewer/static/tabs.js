@@ -1,4 +1,4 @@
-// The pages on Fresnel reflectance and on checking an image.
+// The tabs for Fresnel reflectance and for checking an image.
 
 import { SphereView } from "./draw.js";
 import { ends, percent, reflectances, short } from "./plots.js";
@@ -25,7 +25,7 @@ export function showFresnel({ summary, curves }) {
     ["Brewster's angle: no p-polarised light is reflected", angle(summary.brewster_entering_deg), angle(summary.brewster_leaving_deg)],
     ["Critical angle: all light is reflected beyond it", angle(summary.critical_entering_deg), angle(summary.critical_leaving_deg)],
     ["Schlick's largest error", short(summary.schlick_entering_max_abs_error), short(summary.schlick_leaving_max_abs_error)],
-    ["… at", angle(summary.schlick_entering_max_abs_error_at_deg), angle(summary.schlick_leaving_max_abs_error_at_deg)],
+    ["… at an angle of", angle(summary.schlick_entering_max_abs_error_at_deg), angle(summary.schlick_leaving_max_abs_error_at_deg)],
   ];
   fill($("fresnel-table"), rows);
 }
@@ -39,7 +39,7 @@ export function fresnelKey() {
   }
 }
 
-/** A table whose first row is a head, unless that is empty. */
+/** Fills a table; its first row is a heading unless `hasHead` is false. */
 export function fill(table, rows, hasHead = true) {
   table.replaceChildren(
     ...rows.map((cells, n) => {
@@ -60,7 +60,7 @@ export function fill(table, rows, hasHead = true) {
 const MOST_BYTES = 2 ** 26;
 
 export class CheckPage {
-  /** `look` gives what all pictures share: exposure, gamma, colours; `decode` takes an answer apart. */
+  /** `look` returns what all pictures share: exposure, gamma, colours; `decode` unpacks an answer. */
   constructor(look, decode, mapNumber) {
     Object.assign(this, { look, decode, mapNumber, view: null, brightest: 0 });
     $("file").addEventListener("change", () => $("file").files.length && this.send($("file").files[0]));
@@ -69,7 +69,7 @@ export class CheckPage {
     const drop = $("drop");
     for (const kind of ["dragover", "drop", "dragleave"]) {
       document.addEventListener(kind, (event) => {
-        event.preventDefault(); // else the browser would leave the page for the file
+        event.preventDefault(); // or the browser leaves the page and opens the file
         drop.classList.toggle("over", kind === "dragover");
         if (kind === "drop" && event.dataTransfer.files.length) {
           document.dispatchEvent(new CustomEvent("open-tab", { detail: "check" }));
@@ -87,15 +87,15 @@ export class CheckPage {
       verdict.replaceChildren(heading("Not checked"), paragraph(`${file.name}: ${text}`));
       $("check-pictures").hidden = true;
     };
-    if (![".pfm", ".exr", ".hdr"].includes(suffix)) return fail("give a .pfm, .exr or .hdr file, which hold radiance");
-    if (file.size > MOST_BYTES) return fail(`a file may have ${MOST_BYTES / 2 ** 20} MiB at most`);
+    if (![".pfm", ".exr", ".hdr"].includes(suffix)) return fail("choose a .pfm, .exr or .hdr file; other formats do not hold radiance");
+    if (file.size > MOST_BYTES) return fail(`a file may have at most ${MOST_BYTES / 2 ** 20} MiB`);
     verdict.className = "card busy";
     verdict.replaceChildren(heading("Checking …"), paragraph(file.name));
     const options = new URLSearchParams({ suffix, map: this.mapNumber(), albedo: $("check-albedo").value });
     if ($("check-kind").value) options.set($("check-kind").value, $("check-count").value);
     try {
       const answer = await fetch(`check?${options}`, { method: "POST", body: file });
-      if (!answer.ok) return fail((await answer.json().catch(() => ({}))).error ?? `the server said ${answer.status}`);
+      if (!answer.ok) return fail((await answer.json().catch(() => ({}))).error ?? `the server answered with status ${answer.status}`);
       this.show(file.name, this.decode(await answer.arrayBuffer()));
     } catch {
       fail("the server did not answer");
@@ -109,9 +109,9 @@ export class CheckPage {
     const rows = [["Relative RMSE", percent(header.relative_rmse)]];
     if (expected) {
       const per = expected.per_pixel ? "samples per pixel" : "samples";
-      rows.push([`Expected of ${expected.samples} ${per}`, `${percent(expected.relative_rmse_mean)}, nine of ten from ${percent(expected.relative_rmse_5_percent)} to ${percent(expected.relative_rmse_95_percent)}`]);
+      rows.push([`Expected with ${expected.samples} ${per}`, `${percent(expected.relative_rmse_mean)}; 90 % of images from ${percent(expected.relative_rmse_5_percent)} to ${percent(expected.relative_rmse_95_percent)}`]);
     }
-    if (header.deviations !== null) rows.push(["Off by", `${header.deviations.toFixed(1)} standard deviations`]);
+    if (header.deviations !== null) rows.push(["Deviation", `${header.deviations.toFixed(1)} standard deviations`]);
     const rgb = (values, show) => `red ${show(values[0])}, green ${show(values[1])}, blue ${show(values[2])}`;
     rows.push(["Bias by channel", rgb(header.bias_relative_rgb, signed)]);
     rows.push(["Factors by channel", rgb(header.factor_rgb, short)]);
@@ -127,7 +127,7 @@ export class CheckPage {
     try {
       this.view ??= new SphereView($("check-canvas"));
     } catch {
-      $("check-pictures").hidden = true; // the numbers say it all
+      $("check-pictures").hidden = true; // without WebGL, the numbers must do
       return;
     }
     this.view.image.put(arrays.image);
