@@ -1,1 +1,1 @@
-"""A table of many maps, computed by a Dask cluster: ``lightdome catalog`` writes it. Needs the extra ``[cluster]``."""
+"""Makes the table of many maps that ``lightdome catalog`` writes, on a Dask cluster. Needs the extra ``[cluster]``."""

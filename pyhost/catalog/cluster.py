@@ -1,4 +1,4 @@
-"""The Dask cluster that computes a catalog: one of this machine, on loopback, or one that runs already."""
+"""The Dask cluster that computes a catalog: a local one, on loopback, or an existing one."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from distributed.security import Security
 from ..errors import LightdomeError, one_line
 from .worker import THREADS, opencl_threads
 
-# No task is tried again by the scheduler: which one killed its worker is found out one at a time. Logs of the scheduler
-# are short, so that its memory does not grow with the number of maps.
+# The scheduler must not retry tasks: the maps of a dead worker are retried one by one, to find the one that killed it.
+# The scheduler's logs are short, so that its memory does not grow with the number of maps.
 LOCAL = {
     "distributed.scheduler.allowed-failures": 0,
     "distributed.admin.low-level-log-length": 100,
     "distributed.admin.log-length": 100,
     "distributed.worker.profile.enabled": False,
-    # What glibc comes to by itself. Dask's own value makes every large array a new mapping, and costs a third.
+    # The values that glibc settles on by itself. Dask's own allocate every large array anew, which costs a third more.
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 64 << 20,
     "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": 32 << 20,
 }
@@ -30,10 +30,10 @@ LOCAL = {
 
 @dataclass(frozen=True)
 class Place:
-    """Where the maps are computed: by ``workers`` on this machine, or by those of a ``scheduler``, or of its ``file``.
+    """Where maps are computed: by local ``workers``, or by the cluster of a ``scheduler`` (its address) or ``file``.
 
-    - ``threads``: of OpenCL in each worker on this machine; ``memory``: bytes that each may take
-    - ``tls``: three files of PEM: the authority's certificate, an own one, and its key
+    - ``threads``: OpenCL threads of each local worker; ``memory``: the bytes that each may use
+    - ``tls``: three PEM files: the certificate of the authority, your own certificate, and its key
     """
 
     workers: int
@@ -58,8 +58,8 @@ class Place:
 
 @contextmanager
 def connected(place: Place, folder: str) -> Iterator[Client]:
-    """A client; workers on this machine have ``folder``. Raises :class:`LightdomeError` where there is no cluster."""
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what it loses is told in a line
+    """A client. Local workers write to ``folder``. Raises :class:`LightdomeError` if there is no cluster."""
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # this program reports a lost cluster itself
     with ExitStack() as stack:
         try:
             where: dict[str, object] = {"address": place.scheduler}

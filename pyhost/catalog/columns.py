@@ -1,4 +1,4 @@
-"""The columns of a catalog: names, types and units, those of ``lightdome info`` from its own dataclass."""
+"""The columns of a catalog: names, types and units. Those of ``lightdome info`` come from its own dataclass."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if typing.TYPE_CHECKING:
     from .row import Options
 
 RADIANCE_SR = "map radiance x steradian"
-# Of the first pattern that a column's name has.
+# A column has the unit of the first pattern found in its name.
 UNITS = {
     r"_radiance_sr": RADIANCE_SR,
     r"^harmonics_\d": "map radiance x steradian^(1/2)",
@@ -38,14 +38,14 @@ class Column:
 
     @property
     def unit(self) -> str | None:
-        """The unit of its numbers, None for texts and counts without one."""
+        """The unit of its numbers; None for text, and for counts without a unit."""
         if self.kind in (str, bool):
             return None
         return next((unit for pattern, unit in UNITS.items() if re.search(pattern, self.name)), None)
 
 
 def columns(options: Options) -> list[Column]:
-    """The columns of a table that was made with these options, in order."""
+    """The columns of a table made with these options, in order."""
     result = [Column("path", str), Column("status", str), Column("error", str)]
     result += [Column("sha256", str), Column("size_bytes", int)]
     result += [Column(name, kind) for name, kind, _ in _flat(Analysis)]
@@ -61,17 +61,17 @@ def columns(options: Options) -> list[Column]:
 
 
 def harmonic_names(order: int) -> list[str]:
-    """Of the coefficients L_lm, red, green and blue each; the number is l^2 + l + m."""
+    """The columns of the coefficients L_lm, each in red, green and blue; the number is l^2 + l + m."""
     return [f"harmonics_{n}_{channel}" for n in range((order + 1) ** 2) for channel in ("red", "green", "blue")]
 
 
 def of_analysis(analysis: Analysis) -> dict[str, Any]:
-    """An analysis as values of columns."""
+    """The values of an analysis by column name."""
     return {name: value for name, _, value in _flat(Analysis, analysis)}
 
 
 def _flat(of: type, value: Any = None, prefix: str = "") -> Iterator[tuple[str, type, Any]]:
-    """Name, type and value of each field of a dataclass, those of parts and vectors one by one."""
+    """Name, type and value of each field of a dataclass; nested dataclasses and vectors are split up."""
     hints = get_type_hints(of)
     for field in fields(of):
         kinds = [kind for kind in (get_args(hints[field.name]) or ()) if kind is not type(None)]

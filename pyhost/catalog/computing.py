@@ -1,4 +1,4 @@
-"""Have a cluster compute the rows of many maps: a bounded number at a time, each written down as it comes."""
+"""Computes the rows of many maps on a cluster: a bounded number at a time, each recorded as soon as it arrives."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from .row import Options, Row
 from .sources import is_url
 from .worker import work
 
-AHEAD = 2  # maps at the cluster, for each thread there
-POLL = 1.0  # seconds between looks at the cluster
-ALONE = 60.0  # seconds without any worker after which the run ends
-GO_ON = "run the same command again to go on"
-MOST_KNOWN = 100  # contents of equal size with which a map is compared
+AHEAD = 2  # maps submitted per thread of the cluster
+POLL = 1.0  # seconds between checks of the cluster
+ALONE = 60.0  # seconds without any worker before the run ends
+GO_ON = "run the same command again to resume"
+MOST_KNOWN = 100  # at most so many known contents of the same size are compared with a map's
 
 
 @dataclass
 class Flight:
-    """A map at the cluster."""
+    """A map submitted to the cluster."""
 
     source: str
     size: int | None
@@ -43,9 +43,9 @@ class Flight:
 
 
 class Run:
-    """Computes the rows of ``sources`` that the journal has not, into the folder ``out``.
+    """Computes the rows of ``sources`` that the journal lacks, and writes their files to the folder ``out``.
 
-    Maps whose worker died come again, one at a time, after all others: then a second death is that map's own.
+    Maps whose worker died are retried after all others, one at a time, so that a second death is that map's own fault.
     """
 
     client: Client
@@ -63,11 +63,11 @@ class Run:
         self._most = AHEAD
 
     def __call__(self, client: Client) -> None:
-        """Raises :class:`LightdomeError` where the cluster is gone; what is in the journal stays there."""
+        """Raises :class:`LightdomeError` if the cluster is lost; the journal keeps the rows finished so far."""
         try:
             self._compute(client)
         except (OSError, TimeoutError, CancelledError) as error:
-            raise LightdomeError(f"the Dask cluster is gone ({one_line(error)}); {GO_ON}") from error
+            raise LightdomeError(f"the connection to the Dask cluster was lost ({one_line(error)}); {GO_ON}") from error
 
     def _compute(self, client: Client) -> None:
         self.client, waiting = client, self.waiting
@@ -78,7 +78,7 @@ class Run:
                 while waiting and len(self._flying) < self._most:
                     self._submit(waiting.popleft())
                 if not self._flying:
-                    client.wait_for_workers(1, timeout=ALONE)  # its time begins now
+                    client.wait_for_workers(1, timeout=ALONE)  # so that its time starts with its work
                     self._submit(self._suspects.popleft(), is_alone=True)
                 try:
                     future = self._finished.get(timeout=POLL)
@@ -87,15 +87,15 @@ class Run:
                 else:
                     self._take(future)
                 rate = self.computed / (time.monotonic() - begin)
-                progress.label = f"{self.computed} of {self.total} maps, {rate:.2g} a second"
+                progress.label = f"{self.computed} of {self.total} maps, {rate:.2g} per second"
                 progress.update(self.computed / self.total)
 
     def _new(self, sources: list[str]) -> deque[str]:
-        """The maps that have no row yet, or a failed one, or whose files changed since."""
+        """The maps without a row, with a failed row, or whose files have changed since."""
         found: deque[str] = deque()
         for source in sources:
             entry = self.journal.entries.get(source)
-            # Of a URL the time of change is not known: it is read again, and computed only if its content is new.
+            # A URL has no known modification time: it is read again, and computed only if its content is new.
             if not (entry and entry.is_done and entry.modified and (entry.size, entry.modified) == _stat(source)):
                 found.append(source)
         return found
@@ -144,7 +144,7 @@ class Run:
                 temporary.write_bytes(content)
         sha256 = row.values.get("sha256")
         values: dict[str, Any] = row.values
-        if row.values["status"] != "done" and row.values["error"] is None:  # its content has a row already
+        if row.values["status"] != "done" and row.values["error"] is None:  # another row has the same content
             values = {**self.journal.row(self._entry(sha256)), "path": flight.source}
         self.journal.add(values, flight.size, flight.modified)
         self.computed += 1
@@ -153,28 +153,28 @@ class Run:
         return next(rows[sha256] for rows in self.journal.by_size.values() if sha256 in rows)
 
     def _look(self) -> None:
-        """Whether the cluster is there, and how many threads it has."""
+        """Check that the cluster is still there, and count its threads."""
         now = time.monotonic()
         if now - self._looked < POLL:
             return
         self._looked = now
         if self.client.status != "running":
-            raise LightdomeError(f"the Dask scheduler is gone; start it again, and {GO_ON}")
+            raise LightdomeError(f"the Dask scheduler has stopped; restart it, then {GO_ON}")
         threads = sum(self.client.nthreads().values())
         if threads:
             self._last_worker = now
         elif now - self._last_worker > ALONE:
-            raise LightdomeError(f"the Dask scheduler has had no worker for {ALONE:.0f} s; start some, and {GO_ON}")
+            raise LightdomeError(f"the Dask scheduler has had no worker for {ALONE:.0f} s; start one, then {GO_ON}")
         self._most = max(AHEAD, AHEAD * threads)
 
 
 def rows(journal: Journal, sources: list[str]) -> Iterator[dict[str, Any]]:
-    """The rows of these maps in their order."""
+    """The rows of these maps, in the order given."""
     return (journal.row(journal.entries[source]) for source in sources)
 
 
 def _stat(source: str) -> tuple[int | None, int | None]:
-    """Size and time of change, as far as they are known without reading."""
+    """Size and modification time, or None where they are unknown without reading the file."""
     if is_url(source):
         return None, None
     try:

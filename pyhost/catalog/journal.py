@@ -1,7 +1,7 @@
-"""The journal of a catalog: a line of JSON for each finished row, added as it comes, from which the table is made.
+"""The journal of a catalog: one line of JSON per finished row, appended as it arrives. The table is made from it.
 
-A process that is killed loses no line that it wrote; of one that was cut short, what is left is skipped. A row counts
-for the content, the version and the options that made it. The values stay in the file: in memory is where they are.
+A killed process loses no line that it has written; a line cut short is skipped. A row is valid only for the content,
+version and options that produced it. The values stay in the file; memory holds only their positions.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ NAME = "journal.jsonl"
 
 @dataclass(frozen=True)
 class Entry:
-    """Where a row is, and the file that it is of: ``modified`` in nanoseconds, None where nothing says it."""
+    """The position of a row, and the file it describes: ``modified`` is in nanoseconds, or None if unknown."""
 
     offset: int
     sha256: str | None
@@ -29,10 +29,10 @@ class Entry:
 
 
 class Journal:
-    """The journal in a catalog's folder; ``key`` is that of version and options, other rows do not count.
+    """The journal in a catalog's folder. ``key`` stands for version and options; rows with another key are ignored.
 
-    ``entries`` has the last row of each path, ``by_size`` the contents that have a row, by their size in bytes. Use as
-    a context manager: one process at a time has it. Raises :class:`LightdomeError` while another has.
+    ``entries`` has the last row of each path; ``by_size`` has the contents with a row, by size in bytes. Use it as a
+    context manager. Only one process can hold it: raises :class:`LightdomeError` while another does.
     """
 
     def __init__(self, folder: Path, key: str) -> None:
@@ -52,7 +52,7 @@ class Journal:
             pass
         except OSError as error:
             self._file.close()
-            raise LightdomeError(f"another process writes the catalog in {folder}; wait for it, or stop it") from error
+            raise LightdomeError(f"another process is writing the catalog in {folder}; wait or stop it") from error
         self._load()
 
     def __enter__(self) -> Journal:
@@ -62,7 +62,7 @@ class Journal:
         self._file.close()
 
     def add(self, row: dict[str, Any], size: int | None, modified: int | None) -> None:
-        """Write a row; it is there when this returns, whatever happens to the process."""
+        """Write a row; once this returns, the row survives the end of this process."""
         line = {"key": self.key, "size": size, "modified": modified, "row": row}
         offset = self._file.seek(0, os.SEEK_END)
         self._file.write(json.dumps(line, allow_nan=False, separators=(",", ":")).encode() + b"\n")

@@ -1,4 +1,4 @@
-"""One page to look through a catalog, without a network: a plot, and a table that sorts and filters."""
+"""Writes the page for browsing a catalog offline: a plot, and a table to sort and filter."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from ..files import replacing
 from .row import Options
 from .table import Rows
 
-# Of each column: its key on the page, the catalog's column, its heading, its width, its digits and what it says. A
-# column without a width is not shown; digits below 0 are those of a whole number.
+# For each column: its key on the page, the catalog's column, heading, width, number of decimals and tooltip. A column
+# without a width is hidden; decimals below 0 mean a whole number.
 NUMBERS = (
     ("width", "width_pixels", "width", "5.5rem", -1, "columns of pixels"),
-    ("range", "range_stops", "stops", "5rem", 1, "log2 of the largest luminance over the darkest, 1 % left out"),
+    ("range", "range_stops", "stops", "5rem", 1, "log2 of largest over smallest luminance, ignoring the darkest 1 %"),
     ("concentration", "mean_direction_length", "concen-tration", "5.5rem", 2,
-     "0: light from everywhere, 1: from one direction"),
+     "0: light from all directions, 1: from a single one"),
     ("elevation", "sun_elevation_degrees", "sun at", "5rem", 1, "elevation of the sun in degrees"),
-    ("share", "sun_flux_share", "sun's share", "5.5rem", 3, "of the light"),
-    ("lights", "lights_relative_rmse", "lights' error", "5.5rem", 4, "relative RMSE of a sphere under the lights"),
+    ("share", "sun_flux_share", "sun's share", "5.5rem", 3, "the sun's share of the light"),
+    ("lights", "lights_relative_rmse", "lights' error", "5.5rem", 4, "relative RMSE of a sphere lit by the lights"),
     ("harmonics", "harmonics_relative_rmse", "harmonics' error", "6.5rem", 4,
-     "relative RMSE of a sphere under the harmonics"),
-    ("samples", "samples_for_1_percent_error", "samples for 1 %", "7rem", -1, "independent ones"),
+     "relative RMSE of a sphere lit by the harmonics"),
+    ("samples", "samples_for_1_percent_error", "samples for 1 %", "7rem", -1, "independent samples for 1 % error"),
 )  # fmt: skip
 
 
 def write_page(path: Path, options: Options, rows: Rows) -> None:
-    """Write the page; rows go into it one at a time."""
+    """Write the page, one row at a time."""
     shown = list(_columns(options))
     names = [name for _, name in shown]
     before, _, rest = files(__package__).joinpath("page.html").read_text(encoding="utf-8").partition("COLUMNS")
@@ -42,7 +42,7 @@ def write_page(path: Path, options: Options, rows: Rows) -> None:
 
 
 def _columns(options: Options) -> Iterator[tuple[dict[str, Any], str]]:
-    """The page's columns, and the names of the catalog's."""
+    """Each column of the page, with the name of the catalog's column."""
     width = "var(--pictures)" if options.thumbnails else None
     yield {"key": "thumbnail", "label": "picture", "width": width}, "thumbnail_file"
     yield {"key": "sphere"}, "sphere_file"
@@ -58,5 +58,5 @@ def _columns(options: Options) -> Iterator[tuple[dict[str, Any], str]]:
 
 
 def _json(value: object) -> str:
-    """JSON that ends no script element."""
+    """JSON that cannot end a script element."""
     return json.dumps(value, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c")

@@ -1,4 +1,4 @@
-"""One map, one row: what is in it, lights, harmonics, their errors, and pictures, as far as they are asked for."""
+"""Computes the row of one map: what it contains and, if asked for, lights, harmonics, their errors and pictures."""
 
 from __future__ import annotations
 
@@ -37,21 +37,21 @@ from ..sampling.distribution import build_distribution
 from .columns import harmonic_names, of_analysis
 from .sources import is_url
 
-SPHERE = 127  # pixels of the spheres that errors are measured on
-THUMBNAIL = 256  # columns
-BYTES_PER_PIXEL = 64  # of a map in work, with its tables, and of the next one, which is being read
+SPHERE = 127  # side of the sphere's image on which errors are measured, in pixels
+THUMBNAIL = 256  # width in pixels
+BYTES_PER_PIXEL = 64  # memory for a map being computed, with its tables, and for the next, being read
 BLOCK = 1 << 20
 
 
 @dataclass(frozen=True)
 class Options:
-    """What is computed; a row is computed again where these, the map or the version differ.
+    """What is computed. A row is computed again if these options, the map or the version change.
 
     - ``lights``: number of lights, 0 for none; ``harmonics``: their order, None for none
-    - ``samples``: number of samples for a file of them, 0 for none
-    - ``light_format``: of a file of lights, None for none; ``thumbnails``: whether there are pictures
+    - ``samples``: number of samples in a file per map, 0 for no file
+    - ``light_format``: format of a file of lights per map, None for no file; ``thumbnails``: whether to make pictures
     - ``device``: as :func:`lightdome.open_device` takes it
-    - ``memory``: bytes that a worker may take; larger maps are read in bands
+    - ``memory``: bytes that a worker may use; larger maps are read in bands
     """
 
     lights: int = 16
@@ -64,24 +64,24 @@ class Options:
 
     @property
     def key(self) -> str:
-        """Equal for equal options of one version."""
+        """A string that differs if the options or the version differ."""
         return key_of(__version__, repr(sorted(asdict(self).items())))
 
     @property
     def stages(self) -> list[str]:
-        """What takes time, in order."""
+        """The timed stages, in order."""
         wanted = {"hash": True, "read": True, "info": True, "exact": self.needs_sphere, "lights": self.lights}
         wanted |= {"harmonics": self.harmonics is not None, "samples": self.samples, "thumbnails": self.thumbnails}
         return [name for name, is_wanted in wanted.items() if is_wanted]
 
     @property
     def needs_sphere(self) -> bool:
-        """Whether the exact image is wanted, as a picture or to measure errors on."""
+        """Whether the exact image is needed, as a picture or to measure errors."""
         return self.lights > 0 or self.harmonics is not None or self.thumbnails
 
     @property
     def files(self) -> list[str]:
-        """The kinds of file that each map has."""
+        """The kinds of file written for each map."""
         wanted = {"lights": self.light_format, "samples": self.samples, "thumbnail": self.thumbnails}
         wanted["sphere"] = self.thumbnails
         return [name for name, is_wanted in wanted.items() if is_wanted]
@@ -89,7 +89,7 @@ class Options:
 
 @dataclass
 class Row:
-    """Values by the names of columns, and files by their paths in the catalog's folder."""
+    """Values by column name, and contents of files by their paths in the catalog's folder."""
 
     values: dict[str, Any]
     files: dict[str, bytes] = field(default_factory=dict)
@@ -103,7 +103,7 @@ class Row:
 
 @contextmanager
 def local(source: str) -> Iterator[Path]:
-    """The file of a source; what a URL names, in a temporary one."""
+    """The file of a source; for a URL, a temporary copy."""
     if not is_url(source):
         yield Path(source)
         return
@@ -118,7 +118,7 @@ def local(source: str) -> Iterator[Path]:
 
 
 def digest(path: Path) -> tuple[str, int]:
-    """SHA-256 and size in bytes of a file. Raises :class:`LightdomeError` where it cannot be read."""
+    """SHA-256 and size in bytes of a file. Raises :class:`LightdomeError` if it cannot be read."""
     found, size = hashlib.sha256(), 0
     try:
         with path.open("rb") as file:
@@ -131,7 +131,7 @@ def digest(path: Path) -> tuple[str, int]:
 
 
 class HeldRows(ImageRows):
-    """All rows of a file, read once: ``radiance`` (H, W, 3); :meth:`read` yields all as a file's rows come."""
+    """All rows of a file, read once into ``radiance`` (H, W, 3). :meth:`read` yields them as if from the file."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
@@ -148,11 +148,11 @@ class HeldRows(ImageRows):
 
 @dataclass(frozen=True)
 class ReadMap:
-    """A map that was read: what :func:`examined` needs.
+    """A map that has been read, for :func:`fill`.
 
-    ``rows`` are those of a latitude-longitude map, in memory or, if ``step`` is above 1, in the file; ``resampled`` is
-    the analysis of one in another projection. All else is computed from ``envmap``, None where ``step`` says that it
-    is still to be averaged over squares of so many pixels.
+    A latitude-longitude map has ``rows``, in memory or, if ``step`` is above 1, still in the file; its ``envmap`` is
+    None until :func:`fill` makes it, averaged over squares of ``step`` pixels. A map in another projection has
+    ``resampled``, its analysis, and ``envmap``, the converted map.
     """
 
     rows: ImageRows | None
@@ -168,14 +168,14 @@ class ReadMap:
 
 
 def read(path: Path, memory: int) -> ReadMap:
-    """Read a map, in whatever projection; one that does not fit into ``memory`` bytes later, in bands."""
+    """Read a map in any projection. One that does not fit into ``memory`` bytes is left to be read in bands."""
     image = ImageRows(path)
     step = _step(image, memory)
     if image.is_cube or image.width != 2 * image.height:
         if step > 1:
             raise LightdomeError(
-                f"a map of {image.width} x {image.height} pixels needs more than the memory of a worker, and only"
-                " latitude-longitude maps of 2:1 are read in bands; raise --limit-memory"
+                f"a map of {image.width} x {image.height} pixels needs more memory than a worker has, and only"
+                " latitude-longitude maps of 2:1 can be read in bands; raise --limit-memory"
             )
         found = read_projected(path, sanitize="clamp")
         if found.projection != "latlong":
@@ -185,24 +185,26 @@ def read(path: Path, memory: int) -> ReadMap:
 
 
 def _step(image: ImageRows, memory: int) -> int:
-    """The side of the squares over which a map is averaged so that it fits, 1 for none."""
+    """The side, in pixels, of the squares to average so that the map fits into memory; 1 if it fits as it is."""
     step = 1
     while BYTES_PER_PIXEL * image.height * image.width > memory * step**2:
         step += 1
         while image.height % step or image.width % step:
             step += 1
             if step > image.height:
-                raise LightdomeError(f"{image.width} x {image.height} pixels do not fit into the memory of a worker")
+                raise LightdomeError(f"{image.width} x {image.height} pixels do not fit into a worker's memory")
     return step
 
 
 def fill(row: Row, of: ReadMap, device: Device, options: Options, name: str) -> None:
-    """Compute what ``options`` ask for; ``name`` is that of the map's files."""
+    """Fill ``row`` with what ``options`` ask for; the map's files are named after ``name``."""
     with row.timed("info"):
         analysis = of.resampled or analyse(of.latlong)
         envmap = of.envmap or _mended(of)
         if of.step > 1:
-            note = f"note: lights, harmonics and pictures are of the map averaged to {envmap.width} x {envmap.height}"
+            note = (
+                f"note: lights, harmonics and pictures come from the map averaged to {envmap.width} x {envmap.height}"
+            )
             analysis = replace(analysis, notes=(*analysis.notes, note))
         row.values.update(of_analysis(analysis))
     is_lit = envmap.peak > 0
@@ -241,7 +243,7 @@ def fill(row: Row, of: ReadMap, device: Device, options: Options, name: str) -> 
 
 
 def averaged(batches: Iterable[tuple[np.ndarray, np.ndarray]], height: int, width: int, step: int) -> np.ndarray:
-    """Means over squares of ``step`` pixels, by solid angle, which keeps the flux: float32; batches of rows as read."""
+    """Means over squares of ``step`` pixels, by solid angle to keep the flux, from batches of rows: float32."""
     shape = -(-height // step), -(-width // step), 3
     total, area = np.zeros(shape), np.zeros(shape[0])
     weight = solid_angles(height, width)
@@ -279,7 +281,7 @@ def _rows_of(lights: Lights) -> list[dict[str, float]]:
 
 
 def _keep(row: Row, kind: str, path: str, write: Any) -> None:
-    """Take what ``write`` writes into a file: only the client has the catalog's folder."""
+    """Keep what ``write`` writes in memory: only the client can write to the catalog's folder."""
     with tempfile.TemporaryDirectory(prefix="lightdome-") as folder:
         written = Path(folder) / Path(path).name
         write(written)

@@ -1,4 +1,4 @@
-"""Which maps a command line names: folders, files, globs, lists in text files, and URLs that fsspec reads."""
+"""Finds the maps that a command line names: folders, files, globs, lists in text files, and URLs that fsspec reads."""
 
 from __future__ import annotations
 
@@ -12,19 +12,20 @@ from ..maps.images import READABLE
 
 
 def find(paths: Iterable[str]) -> list[str]:
-    """Absolute paths and URLs of maps, sorted, each once.
+    """Absolute paths and URLs of maps, sorted and without duplicates.
 
-    A folder stands for every .exr, .hdr and .pfm file below it that is not hidden. A .txt file holds one path, glob or
-    URL a line, relative to its folder. Raises :class:`LightdomeError` for what is not there, and where there is no map.
+    A folder stands for every .exr, .hdr and .pfm file below it that is not hidden. A .txt file lists paths, globs and
+    URLs, one per line; paths are relative to its folder. Raises :class:`LightdomeError` if something is missing or
+    there is no map at all.
     """
     found = {source for path in paths for source in _found(path, Path.cwd())}
     if not found:
-        raise LightdomeError(f"there are no maps: no file ends in {', '.join(READABLE)}")
+        raise LightdomeError(f"found no maps: no file ends in {', '.join(READABLE)}")
     return sorted(found)
 
 
 def is_url(source: str) -> bool:
-    """Whether fsspec reads it, and not the operating system."""
+    """Whether it is read through fsspec rather than the file system."""
     return "://" in source
 
 
@@ -44,7 +45,7 @@ def _found(path: str, base: Path) -> Iterator[str]:
     elif absolute.lower().endswith(".txt"):
         yield from _listed(Path(absolute))
     else:
-        yield absolute  # one that cannot be read costs its own row
+        yield absolute  # if it cannot be read, only its own row fails
 
 
 def _below(folder: str) -> Iterator[str]:
@@ -76,7 +77,7 @@ def _remote(url: str) -> Iterator[str]:
         else:
             matches = [name for name in files.find(root) if _is_map(name)]
         yield from (files.unstrip_protocol(name) for name in matches)
-    except Exception as error:  # each file system has its own
+    except Exception as error:  # each file system raises its own kinds
         raise LightdomeError(f"cannot list {url}: {one_line(error)}") from error
 
 

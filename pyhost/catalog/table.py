@@ -1,4 +1,4 @@
-"""The table of a catalog as Parquet and CSV, a row at a time from the journal."""
+"""Writes the table of a catalog as Parquet and CSV, row by row from the journal."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from .. import __version__
 from ..files import cannot_write, replacing, write_table
 from .columns import Column
 
-PARTITION = 10_000  # rows in a file
-GROUP = 1000  # rows that are in memory
+PARTITION = 10_000  # rows per file
+GROUP = 1000  # rows in memory at a time
 
-Rows = Callable[[], Iterator[dict[str, Any]]]  # all of them, from the first
+Rows = Callable[[], Iterator[dict[str, Any]]]  # each call yields all rows, from the first
 
 _LIGHT = [f"to_light_{axis}" for axis in "xyz"] + [f"flux_{channel}" for channel in ("red", "green", "blue")]
 _TYPES = {
@@ -33,14 +33,14 @@ _TYPES = {
 
 
 def schema(columns: list[Column]) -> pa.Schema:
-    """Names and types; the metadata's ``units`` is a JSON object of units by column."""
+    """Names and types of the columns; ``units`` in the metadata is a JSON object of units by column."""
     units = {column.name: column.unit for column in columns if column.unit}
     metadata = {"units": json.dumps(units), "generator": f"lightdome {__version__}"}
     return pa.schema([(column.name, _TYPES[column.kind]) for column in columns], metadata)
 
 
 def write_parquet(path: Path, columns: list[Column], rows: Rows, count: int) -> None:
-    """A file, or, of more than :data:`PARTITION` rows, a folder of files under the same name."""
+    """Write a file or, for more than :data:`PARTITION` rows, a folder of files under the same name."""
     if count <= PARTITION:
         if path.is_dir():
             shutil.rmtree(path)
@@ -73,7 +73,7 @@ def _write(path: Path, columns: list[Column], rows: Iterator[dict[str, Any]]) ->
 
 
 def write_csv(path: Path, columns: list[Column], rows: Rows) -> None:
-    """The same values; lights are a JSON list in one field."""
+    """Write the same values as CSV; lights are a JSON list in one field."""
 
     def texts(row: dict[str, Any]) -> Iterator[object]:
         for column in columns:

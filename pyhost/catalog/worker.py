@@ -1,7 +1,7 @@
-"""What a worker does with a map. It opens its device once, and reads the next map while it computes this one.
+"""What a worker does with a map. It opens its device once, and reads the next map while it computes the current one.
 
-A worker process has two threads: one computes, under a lock, while the other reads. A map that hangs, also in a library
-that never returns to Python, ends the process: the C timer of :mod:`faulthandler` needs no cooperation.
+A worker process has two threads: one computes, under a lock, while the other reads. A map that hangs ends the process,
+even inside a library that never returns to Python: the C timer of :mod:`faulthandler` needs no cooperation.
 """
 
 from __future__ import annotations
@@ -22,34 +22,34 @@ from ..errors import LightdomeError, one_line, shown
 from ..opencl.device import Device, open_device
 from .row import Options, Row, digest, fill, local, read
 
-THREADS = 2  # of a worker
-# What OpenCL implementations for CPUs take as their number of threads.
+THREADS = 2  # per worker
+# Variables from which OpenCL implementations for CPUs take their number of threads.
 THREAD_VARIABLES = ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT", "CL_CONFIG_CPU_TBB_NUM_WORKERS")
-SETTLE = 1.0  # seconds: Dask's nanny starts no other worker for one that dies while it starts
+SETTLE = 1.0  # seconds; Dask's nanny does not replace a worker that dies while starting
 _computing, _starting = threading.Lock(), threading.Lock()
 
 
 def opencl_threads(count: int) -> dict[str, str]:
-    """The environment in which OpenCL on a CPU takes ``count`` threads."""
+    """Environment variables that make OpenCL on a CPU use ``count`` threads."""
     return dict.fromkeys(THREAD_VARIABLES, str(count))
 
 
-@cache  # under the lock
+@cache  # called only under the lock
 def _device(choice: str | None) -> Device:
     from distributed import get_worker
 
     for name, value in opencl_threads(get_worker().state.nthreads).items():
-        os.environ.setdefault(name, value)  # what started the worker may know better
+        os.environ.setdefault(name, value)  # values set when the worker was started take precedence
     return open_device(choice)
 
 
 class _Watch:
-    """Ends the process when something in it takes longer than it may."""
+    """Ends the process if any of its threads exceeds its time limit."""
 
     def __init__(self) -> None:
         self._ends: dict[int, float] = {}
         self._lock = threading.Lock()
-        self._nowhere = open(os.devnull, "w")  # noqa: PTH123, SIM115 - as long as the process
+        self._nowhere = open(os.devnull, "w")  # noqa: PTH123, SIM115 - open as long as the process runs
 
     @contextmanager
     def at_most(self, seconds: float) -> Iterator[None]:
@@ -73,27 +73,27 @@ class _Watch:
 
 @cache
 def _started() -> _Watch:
-    progress.LINE_PATIENCE = math.inf  # the client says how far the work is
+    progress.LINE_PATIENCE = math.inf  # the client reports the progress
     time.sleep(SETTLE)
     return _Watch()
 
 
 def _watch() -> _Watch:
-    with _starting:  # two threads begin at once
+    with _starting:  # two threads start at the same time
         return _started()
 
 
 def work(source: str, options: Options, key: str, known: Iterable[str], seconds: float) -> Row:
-    """The row of a map, with its files; of one whose SHA-256 is in ``known``, that alone.
+    """The row of a map, with its files. If its SHA-256 is in ``known``, the row holds little more than that hash.
 
-    A map that cannot be read, or costs an error, has a row that says why. Reading it and computing its row may take
+    If the map cannot be read or raises an error, its row says why. Reading the map and computing its row may take
     ``seconds`` each.
     """
     row = Row({"path": source, "status": "failed", "error": None, "version": __version__})
     path = None
     try:
         if key != options.key:
-            raise LightdomeError(f"the worker has another version of lightdome, {__version__}")
+            raise LightdomeError(f"the worker has a different version of lightdome, {__version__}")
         with ExitStack() as held:
             with _watch().at_most(seconds):
                 with row.timed("hash"):
@@ -112,7 +112,7 @@ def work(source: str, options: Options, key: str, known: Iterable[str], seconds:
                 device.decisions.take()
         row.values = {name: None if _is_no_number(value) else value for name, value in row.values.items()}
         row.values["status"] = "done"
-    except Exception as error:  # one map must not cost the others their rows
+    except Exception as error:  # one map must not stop the others
         told = str(error) if isinstance(error, LightdomeError) else f"{type(error).__name__}: {one_line(error)}"
         row.values["error"] = shown(told.replace(str(path), source) if path else told)
         row.files.clear()
@@ -124,6 +124,6 @@ def _is_no_number(value: object) -> bool:
 
 
 def _name(source: str, sha256: str) -> str:
-    """Of the files of a map: short, and another one for each content."""
+    """A short name for the files of a map, different for each content."""
     stem = re.sub(r"[^\w.-]", "_", PurePosixPath(source).stem)[:80]
     return f"{stem}-{sha256[:12]}"

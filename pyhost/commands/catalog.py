@@ -1,4 +1,4 @@
-"""A table of many maps: what is in each, a few lights, harmonics, pictures, and a page to look through them."""
+"""Makes a table of many maps: what each contains, a few lights, harmonics, pictures, and a page to browse them."""
 
 from __future__ import annotations
 
@@ -29,60 +29,64 @@ FOLDERS = ("lights", "samples", "thumbnails")
 
 def main() -> None:
     parser = cli.parser(
-        "Make a table of many maps: what is in each, a few lights, harmonics, and how far off both are.\n\n"
-        "Writes catalog.parquet, catalog.csv and index.html, a page that needs no network. A map that cannot be read"
-        " costs its own row alone. Rows are kept as they come, and the same command goes on where it was stopped: only"
-        " new, changed and failed maps are computed.",
+        "Make a table of many maps: what each contains, a few lights, harmonics, and the error of both.\n\n"
+        "Writes catalog.parquet, catalog.csv and index.html, a page that works offline. A map that cannot be read"
+        " affects only its own row. Finished rows are saved at once, and the same command resumes a stopped run: it"
+        " computes only new, changed and failed maps.",
         "maps --out out/catalog --thumbnails",
     )
     parser.add_argument(
         "maps",
         nargs="+",
         metavar="PATH",
-        help="maps, folders with all below them, globs, .txt files with one of these a line, or URLs that fsspec reads",
+        help="maps, folders to search, globs, .txt files that list such paths, one per line, or URLs that fsspec reads",
     )
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write into")
-    parser.add_argument("--lights", type=count, default=16, metavar="N", help="lights by median cut, 0 for none")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write to")
+    parser.add_argument("--lights", type=count, default=16, metavar="N", help="lights by median cut; 0 for none")
     parser.add_argument(
-        "--harmonics", type=order, default=2, metavar="L", help="order of the harmonics, 0 to 64, or none"
+        "--harmonics", type=order, default=2, metavar="L", help="order of the harmonics, 0 to 64, or 'none'"
     )
     parser.add_argument(
-        "--samples", type=count, default=0, metavar="N", help="Sobol samples of each map, as a file in samples/"
+        "--samples", type=count, default=0, metavar="N", help="write N Sobol samples of each map to a file in samples/"
     )
     parser.add_argument(
         "--light-files",
         choices=LIGHT_FORMATS,
         metavar="FORMAT",
-        help=f"write the lights of each map into lights/: {', '.join(LIGHT_FORMATS)}",
+        help=f"write the lights of each map to a file in lights/: {', '.join(LIGHT_FORMATS)}",
     )
     parser.add_argument(
-        "--thumbnails", action="store_true", help="write a picture of each map, and of a sphere under it: thumbnails/"
+        "--thumbnails",
+        action="store_true",
+        help="write a picture of each map, and of a sphere lit by it, to thumbnails/",
     )
     parser.add_argument(
-        "--workers", type=cli.positive_int, default=cores(), metavar="N", help="processes on this machine"
+        "--workers", type=cli.positive_int, default=cores(), metavar="N", help="number of processes on this machine"
     )
     place = parser.add_mutually_exclusive_group()
     place.add_argument("--scheduler", metavar="ADDRESS", help="compute on this Dask cluster: tcp://HOST:PORT")
-    place.add_argument("--scheduler-file", type=Path, metavar="FILE", help="the same, as its scheduler file says")
+    place.add_argument(
+        "--scheduler-file", type=Path, metavar="FILE", help="compute on the Dask cluster of this scheduler file"
+    )
     parser.add_argument(
         "--tls",
         type=Path,
         nargs=3,
         metavar=("CA", "CERT", "KEY"),
-        help="talk to the cluster over TLS: the authority's certificate, your own, and its key, as PEM",
+        help="connect over TLS; three PEM files: the authority's certificate, your certificate, and its key",
     )
     parser.add_argument(
         "--limit-memory",
         default="4GB",
         metavar="SIZE",
-        help="memory of a worker; maps that need more are read in bands",
+        help="memory per worker; maps that need more are read in bands",
     )
     parser.add_argument(
         "--timeout",
         type=cli.positive_float,
         default=600,
         metavar="SECONDS",
-        help="give a map up that takes longer to read, or to compute",
+        help="give up on a map that takes longer to read or to compute",
     )
     cli.device_option(parser)
     args = parser.parse_args()
@@ -111,7 +115,7 @@ def catalog(args: argparse.Namespace) -> None:
     try:
         memory = int(parse_bytes(args.limit_memory))
     except ValueError as error:
-        raise LightdomeError(f"--limit-memory {args.limit_memory} is no size such as 4GB or 800MiB") from error
+        raise LightdomeError(f"--limit-memory must be a size such as 4GB or 800MiB, got {args.limit_memory}") from error
     options = Options(
         lights=args.lights,
         harmonics=args.harmonics,
@@ -123,7 +127,7 @@ def catalog(args: argparse.Namespace) -> None:
     )
     for path in args.tls or ():
         if not path.is_file():
-            raise LightdomeError(f"cannot read {path}, which --tls names: there is no such file")
+            raise LightdomeError(f"cannot read {path}, given with --tls: no such file")
     threads = max(1, cores() // args.workers)
     place = Place(args.workers, threads, memory, args.scheduler, args.scheduler_file, args.tls and tuple(args.tls))
     maps = sources.find(args.maps)
@@ -145,7 +149,7 @@ def catalog(args: argparse.Namespace) -> None:
 
 
 def compute(run: Run, place: Place) -> None:
-    """Compute what is missing; where a signal stops it, say how to go on."""
+    """Compute what is missing; if a signal stops it, say how to resume."""
     from ..catalog.cluster import connected
     from ..catalog.computing import GO_ON
 
@@ -154,10 +158,10 @@ def compute(run: Run, place: Place) -> None:
         def stop() -> None:
             for process in multiprocessing.active_children():
                 process.kill()
-            multiprocessing.util._run_finalizers(0)  # type: ignore[attr-defined] # else semaphores stay, and Python says so
+            multiprocessing.util._run_finalizers(0)  # type: ignore[attr-defined] # or Python warns of leaked semaphores
             abandon()
             shutil.rmtree(folder, ignore_errors=True)
-            done = f"{run.computed} of {run.total} maps are done and kept; {GO_ON}\n"
+            done = f"{run.computed} of {run.total} maps are done and saved; {GO_ON}\n"
             os.write(2, done.encode())
 
         take_back = interrupts.end_after(stop)
@@ -170,12 +174,12 @@ def compute(run: Run, place: Place) -> None:
 
 
 def cores() -> int:
-    """The processor cores that this process may use."""
+    """The number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def count(text: str) -> int:
-    """Argument type: a whole number, 0 to 4194304."""
+    """Argument type: a whole number from 0 to 4194304."""
     value = 0 if text == "0" else cli.positive_int(text)
     if value > MOST:
         raise argparse.ArgumentTypeError(f"{text} is not a whole number from 0 to {MOST}")
@@ -183,7 +187,7 @@ def count(text: str) -> int:
 
 
 def order(text: str) -> int | None:
-    """Argument type: a whole number, 0 to 64, or none."""
+    """Argument type: a whole number from 0 to 64, or "none"."""
     if text == "none":
         return None
     if not (text.isdecimal() and int(text) <= 64):
@@ -192,7 +196,7 @@ def order(text: str) -> int | None:
 
 
 def clear(out: Path) -> None:
-    """Remove what a run that was killed left unfinished."""
+    """Remove unfinished files of a killed run."""
     for path in [*out.glob(".*"), *(found for name in FOLDERS for found in (out / name).glob(".*"))]:
         if re.fullmatch(r"\..+\.[0-9a-f]{8}(\..+)?", path.name):
             shutil.rmtree(path) if path.is_dir() else path.unlink()

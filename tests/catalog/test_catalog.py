@@ -405,6 +405,6 @@ def test_ctrl_c_ends_it_cleanly_and_says_how_to_go_on(tmp_path: Path) -> None:
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
     _, errors = process.communicate(timeout=LONG)
     assert process.returncode == 130
-    assert re.search(r"^\d+ of 60 maps are done and kept; run the same command again to go on$", errors, re.MULTILINE)
+    assert re.search(r"^\d+ of 60 maps are done and saved; run the same command again to resume$", errors, re.MULTILINE)
     assert "Traceback" not in errors
     assert [path.name for path in out.iterdir()] == [NAME]
