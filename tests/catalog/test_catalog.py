@@ -1,4 +1,4 @@
-"""``lightdome catalog``: one row for each map, the same for any number of workers, and going on where it stopped."""
+"""``lightdome catalog``: one row per map, the same for any number of workers, and resumed where it stopped."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def catalog(*arguments: object, **environment: str) -> subprocess.CompletedProce
 
 
 def rows_of(out: Path) -> list[dict[str, Any]]:
-    """The table without times."""
+    """The rows of the table, without times."""
     table = pq.read_table(out / "catalog.parquet").to_pylist()
     return [{name: value for name, value in row.items() if not name.startswith("seconds_")} for row in table]
 
@@ -83,7 +83,7 @@ def filled(device: Device, path: Path, options: Options) -> Row:
 
 
 def test_a_row_is_what_the_library_says(device: Device, maps: Path) -> None:
-    """Bit for bit what ``analyse``, ``median_cut`` and ``project`` say of the same file."""
+    """A row holds, bit for bit, what ``analyse``, ``median_cut`` and ``project`` return for the same file."""
     path = maps / "m2.pfm"
     row = filled(device, path, Options(lights=4)).values
     envmap = EnvironmentMap.read(path)
@@ -98,7 +98,7 @@ def test_a_row_is_what_the_library_says(device: Device, maps: Path) -> None:
     assert 0 < row["harmonics_relative_rmse"] < 1
 
 
-def test_nothing_is_computed_that_is_not_asked_for(device: Device, maps: Path) -> None:
+def test_only_what_is_asked_for_is_computed(device: Device, maps: Path) -> None:
     options = Options(lights=0, harmonics=None)
     row = filled(device, maps / "m2.pfm", options)
     assert not [name for name in row.values if "lights" in name or "harmonics" in name or "exact" in name]
@@ -233,7 +233,7 @@ def test_the_table_is_the_same_for_any_number_of_workers(maps: Path, tmp_path: P
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[Client]:
-    """Of a cluster in this process."""
+    """A client of a cluster in this process."""
     with (
         LocalCluster(processes=False, n_workers=1, threads_per_worker=2, dashboard_address=None) as cluster,
         Client(cluster, set_as_default=False) as client,
@@ -242,7 +242,7 @@ def client() -> Iterator[Client]:
 
 
 def run_here(client: Client, maps: Path, out: Path, options: Options) -> tuple[int, dict[str, dict[str, Any]]]:
-    """How many rows were computed, and all rows by the names of their maps."""
+    """How many rows were computed, and all rows by file name of the map."""
     sources = find([str(maps)])
     out.mkdir(exist_ok=True)
     with Journal(out, options.key) as journal:
@@ -265,7 +265,7 @@ def test_a_second_run_computes_what_is_new_changed_or_failed(client: Client, map
     computed, after = run_here(client, maps, out, Options())
     assert (computed, len(after)) == (5, 12)
     assert {**after["copy.exr"], "path": 0} == {**after["m1.exr"], "path": 0} == {**after["cut.exr"], "path": 0}
-    assert after["m0.pfm"] == before["m0.pfm"]  # times too
+    assert after["m0.pfm"] == before["m0.pfm"]  # even the times
     assert after["m2.pfm"]["sha256"] != before["m2.pfm"]["sha256"]
     assert run_here(client, maps, out, Options(lights=2))[0] == 12
 
@@ -351,7 +351,7 @@ def test_the_page_sorts_and_filters_ten_thousand_rows_in_a_browser(tmp_path: Pat
         assert not errors
 
 
-# A map of this name kills the process that opens it.
+# With this code, a process that opens deadly.exr dies.
 DEADLY = """
 import ctypes, io
 opened = io.open
@@ -369,7 +369,7 @@ def test_maps_that_kill_or_hang_their_worker_are_named_and_skipped(maps: Path, t
     (tmp_path / "code").mkdir()
     (tmp_path / "code" / "sitecustomize.py").write_text(DEADLY)
     (maps / "deadly.exr").write_bytes(b"")
-    os.mkfifo(maps / "hanging.exr")  # which nobody writes to
+    os.mkfifo(maps / "hanging.exr")  # a pipe that nobody writes to
     path = os.pathsep.join(filter(None, [str(tmp_path / "code"), os.environ.get("PYTHONPATH")]))
     result = catalog(maps, "--out", tmp_path / "out", "--workers", 1, "--timeout", 8, PYTHONPATH=path)
     assert result.returncode == 0, result.stderr
@@ -381,7 +381,7 @@ def test_maps_that_kill_or_hang_their_worker_are_named_and_skipped(maps: Path, t
 
 
 @slow
-def test_ctrl_c_ends_it_cleanly_and_says_how_to_go_on(tmp_path: Path) -> None:
+def test_ctrl_c_ends_it_cleanly_and_says_how_to_resume(tmp_path: Path) -> None:
     (tmp_path / "maps").mkdir()
     for n in range(60):
         write_image(tmp_path / "maps" / f"m{n:02}.pfm", stiff_radiance(64, 128, n))

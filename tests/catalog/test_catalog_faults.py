@@ -1,4 +1,4 @@
-"""A killed process of a catalog costs no finished row and leaves no half file: see tests/tools/catalog_faults.py."""
+"""Killing a process of a catalog loses no finished row and leaves no incomplete file: tests/tools/catalog_faults.py."""
 
 from __future__ import annotations
 
@@ -23,4 +23,4 @@ def test_a_killed_process_costs_no_row(trial: Trial, kind: str) -> None:
     assert outcome.is_equal
     assert outcome.lost == 0
     assert not outcome.half
-    assert kind == "worker" or 2 <= outcome.finished <= 8  # one of three rows says that its map is damaged
+    assert kind == "worker" or 2 <= outcome.finished <= 8  # one of the three rows may be that of the damaged map

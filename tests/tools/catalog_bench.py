@@ -1,10 +1,10 @@
-"""What ``lightdome catalog`` costs per map, beside its parts in a plain loop, a pool of processes, and numpy.
+"""Measures what ``lightdome catalog`` costs per map, compared with a plain loop, a pool of processes, and numpy.
 
     python tests/tools/catalog_bench.py FOLDER [--workers 1 2] [--peer PYTHON]
 
-Each way runs in processes of its own, once with a few of the maps and once with all; the difference, over the maps that
-it is for, leaves out what starting costs. Processor time is that of all processes together. ``--peer`` is a Python with
-``mitsuba``, which reads the maps, and ``skylibs``: the same work as a loop in numpy.
+Each method runs in its own processes, once with a few of the maps and once with all. The difference, divided by the
+number of additional maps, leaves out the cost of starting. Processor time is that of all processes together. ``--peer``
+names a Python with ``skylibs`` and ``mitsuba``, which reads the maps; it does the same work as a loop in numpy.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ for path in open(sys.argv[1]).read().split("\\n"):
 
 
 def worker(path: str) -> None:
-    """The row of a map, as a worker of the catalog computes it."""
+    """Compute the row of a map, as a worker of the catalog does."""
     from lightdome.catalog.row import Options, Row, digest, fill, read
     from lightdome.opencl.device import open_device
 
@@ -87,7 +87,7 @@ def worker(path: str) -> None:
 
 
 def run_way(way: str, workers: int, maps: list[str]) -> None:
-    """Run one way of the work in this process and its children."""
+    """Do the work by one method, in this process and its children."""
     if way == "loop":
         for path in maps:
             worker(path)
@@ -100,7 +100,7 @@ def run_way(way: str, workers: int, maps: list[str]) -> None:
 
 
 def cost(command: list[str]) -> tuple[float, float]:
-    """Processor seconds and seconds that a command and all its children take."""
+    """Processor seconds and wall-clock seconds that a command takes, with all its children."""
     begin = time.monotonic()
     process = subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
@@ -111,10 +111,10 @@ def cost(command: list[str]) -> tuple[float, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("folder", type=Path, metavar="FOLDER", help="maps, of about the same size")
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="maps of about the same size")
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2], help="numbers of processes")
     parser.add_argument("--peer", metavar="PYTHON", help="a Python with mitsuba and skylibs")
-    parser.add_argument("--few", type=int, default=4, help="maps of the run that is subtracted")
+    parser.add_argument("--few", type=int, default=4, help="maps in the short run that is subtracted")
     parser.add_argument("--way", nargs=3, help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.way:
@@ -123,13 +123,13 @@ def main() -> None:
     maps = sorted(str(path) for path in args.folder.rglob("*.*"))
     this = [sys.executable, __file__, str(args.folder), "--way"]
     catalog = [sys.executable, "-m", "lightdome", "catalog"]
-    ways: dict[str, list[str]] = {"a loop of its parts": [*this, "loop", "1", "LIST"]}
+    ways: dict[str, list[str]] = {"a plain loop": [*this, "loop", "1", "LIST"]}
     for n in map(str, args.workers):
         ways[f"multiprocessing, {n}"] = [*this, "pool", n, "LIST"]
         ways[f"catalog, {n}"] = [*catalog, "LIST", "--out", "OUT", "--workers", n]
     if args.peer:
         ways["numpy and skylibs"] = [args.peer, "-c", PEER, "LIST"]
-    print(f"{len(maps)} maps, per map:")
+    print(f"{len(maps)} maps; cost per map:")
     for name, command in ways.items():
         costs = []
         for some in (maps[: args.few], maps):
@@ -138,7 +138,7 @@ def main() -> None:
                 Path(names["LIST"]).write_text("\n".join(some), encoding="utf-8")
                 costs.append(cost([names.get(word, word) for word in command]))
         cpu, wall = ((b - a) / (len(maps) - args.few) for a, b in zip(*costs, strict=True))
-        print(f"  {name:<22} {cpu:.3f} s of processor time, {wall:.3f} s", flush=True)
+        print(f"  {name:<22} {cpu:.3f} s of processor time, {wall:.3f} s of wall-clock time", flush=True)
 
 
 if __name__ == "__main__":

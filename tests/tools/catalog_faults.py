@@ -1,10 +1,10 @@
-"""Kill processes of ``lightdome catalog`` at random moments, and see that the next run completes the same table.
+"""Kills processes of ``lightdome catalog`` at random moments, and checks that the next run completes the same table.
 
     python tests/tools/catalog_faults.py [--count 20] [--kinds client worker scheduler]
 
-For each kind of process: a run is killed, the same command runs again, and the table must be that of a run that nothing
-disturbed, times aside. No row that was in the journal may be computed again, and no file may be half written. The
-scheduler is killed in a cluster of processes of its own, the others in the one that the command starts.
+For each kind of process, a run is killed and the same command runs again. Apart from times, the table must then equal
+that of an undisturbed run. No row in the journal may be computed again, and no file may be incomplete. The scheduler is
+killed in a separate cluster, the other processes in the cluster that the command starts.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ KINDS = ("client", "worker", "scheduler")
 
 @dataclass
 class Outcome:
-    """What a kill at so many rows did: how many were finished when it was over, and how many of these were lost."""
+    """The result of a kill after ``at`` rows: rows finished by then, how many of those were lost, incomplete files."""
 
     kind: str
     at: int
@@ -49,7 +49,7 @@ class Outcome:
 
 
 class Trial:
-    """Maps in a folder, the table that they should have, and a way to run the command on them."""
+    """Maps in a folder, the table expected for them, and runs of the command on them."""
 
     def __init__(self, folder: Path, maps: int = MAPS, workers: int = 2) -> None:
         self.folder, self.workers = folder, workers
@@ -77,7 +77,7 @@ class Trial:
         return said
 
     def kill(self, kind: str, rows: int) -> Outcome:
-        """Kill a process when a run has so many rows, or is about to start, and go on."""
+        """Kill a process of a run that has ``rows`` rows, or is starting if 0, and let the run complete."""
         out = Path(tempfile.mkdtemp(dir=self.folder))
         if kind == "scheduler":
             with cluster(self.folder) as (scheduler, file):
@@ -105,7 +105,7 @@ class Trial:
         return Outcome(kind, rows, len(finished), self._lost(out, finished), table(out) == self.expected, half)
 
     def _wait(self, process: subprocess.Popen[str], out: Path, rows: int) -> None:
-        """Until the journal has so many rows, and a random moment on."""
+        """Wait until the journal has ``rows`` rows, and then a random time."""
         journal = out / NAME
         while process.poll() is None:
             if rows == 0 or (journal.exists() and journal.read_bytes().count(b"\n") >= rows):
@@ -114,14 +114,14 @@ class Trial:
             time.sleep(0.01)
 
     def _lost(self, out: Path, finished: dict[str, int]) -> int:
-        """How many finished rows are gone, or were computed again."""
+        """The number of finished rows that are gone or were computed again."""
         now = done(out)
         return sum(now.get(path) != 1 for path in finished)
 
 
 @contextmanager
 def cluster(folder: Path) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
-    """A scheduler and a worker as processes of their own."""
+    """A scheduler and a worker, each in its own process."""
     file = Path(tempfile.mkdtemp(dir=folder)) / "scheduler.json"
     environment = {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}
     options: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment}
@@ -139,7 +139,7 @@ def cluster(folder: Path) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
 
 
 def workers_of(client: int) -> list[psutil.Process]:
-    """The worker processes that a client's nannies have started."""
+    """The worker processes started by a client's nannies."""
     found = []
     with suppress(psutil.Error):
         for process in psutil.Process(client).children(recursive=True):
@@ -149,27 +149,27 @@ def workers_of(client: int) -> list[psutil.Process]:
 
 
 def table(out: Path) -> list[dict[str, Any]]:
-    """The table without times."""
+    """The rows of the table, without times."""
     rows = pq.read_table(out / "catalog.parquet").to_pylist()
     return [{name: value for name, value in row.items() if not name.startswith("seconds_")} for row in rows]
 
 
 def done(out: Path) -> dict[str, int]:
-    """How often the journal has a finished row of each map."""
+    """The number of finished rows in the journal, by map."""
     counts: dict[str, int] = {}
     journal = out / NAME
     for line in journal.read_bytes().splitlines() if journal.exists() else []:
         try:
             row = json.loads(line)["row"]
         except ValueError:
-            continue  # the one that was cut short
+            continue  # a line cut short
         if row["status"] == "done":
             counts[row["path"]] = counts.get(row["path"], 0) + 1
     return counts
 
 
 def incomplete(out: Path) -> list[str]:
-    """Files under their final names that are not whole."""
+    """Incomplete files under their final names."""
     ends = {".png": b"IEND\xaeB`\x82", ".html": b"</html>\n", ".parquet": b"PAR1"}
     files = [path for path in out.rglob("[!.]*") if path.suffix in ends]
     return [path.name for path in files if not path.read_bytes().endswith(ends[path.suffix])]
@@ -177,11 +177,11 @@ def incomplete(out: Path) -> list[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("--count", type=int, default=20, help="kills of each kind")
-    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS, help="what is killed")
-    parser.add_argument("--maps", type=int, default=MAPS, help="of a run")
-    parser.add_argument("--workers", type=int, default=2, help="of a run")
-    parser.add_argument("--seed", type=int, default=0, help="of the moments")
+    parser.add_argument("--count", type=int, default=20, help="number of kills of each kind")
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS, help="processes to kill")
+    parser.add_argument("--maps", type=int, default=MAPS, help="maps per run")
+    parser.add_argument("--workers", type=int, default=2, help="workers per run")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the random moments")
     args = parser.parse_args()
     random.seed(args.seed)
     with tempfile.TemporaryDirectory() as folder:
@@ -194,7 +194,7 @@ def main() -> None:
             print(
                 f"{kind}: killed {len(outcomes)} times, {sum(o.finished for o in outcomes)} rows finished before,"
                 f" {sum(o.lost for o in outcomes)} lost, {sum(o.is_equal for o in outcomes)} tables equal,"
-                f" {sum(len(o.half) for o in outcomes)} files half written"
+                f" {sum(len(o.half) for o in outcomes)} files incomplete"
             )
 
 

@@ -1,8 +1,8 @@
-"""Make a library of maps of ten kinds to try ``lightdome catalog`` on; one kind is damaged.
+"""Makes a library of maps of ten kinds, one of them damaged, for trying out ``lightdome catalog``.
 
     python tests/tools/catalog_maps.py FOLDER --count 2000 --height 32
 
-The same count and height make the same maps.
+The same count and height always give the same maps.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ KINDS: tuple[tuple[str, str, Callable[[Random, int], np.ndarray]], ...] = (
 
 
 def make(folder: Path, count: int, height: int) -> None:
-    """Write ``count`` maps, as many of each kind, below ``folder``."""
+    """Write ``count`` maps, evenly divided among the kinds, below ``folder``."""
     for n in range(count):
         name, suffix, pixels = KINDS[n % len(KINDS)]
         path = folder / name / f"{name}_{n:05}{suffix}"
@@ -105,9 +105,9 @@ def make(folder: Path, count: int, height: int) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("folder", type=Path, metavar="FOLDER", help="where the maps go, a folder for each kind")
-    parser.add_argument("--count", type=int, default=2000, help="of maps")
-    parser.add_argument("--height", type=int, default=32, help="rows of pixels of most of them")
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="folder for the maps, with a subfolder per kind")
+    parser.add_argument("--count", type=int, default=2000, help="number of maps")
+    parser.add_argument("--height", type=int, default=32, help="height of most maps, in pixels")
     args = parser.parse_args()
     make(args.folder, args.count, args.height)
 

@@ -1,9 +1,9 @@
-"""The scheduling of ``lightdome catalog`` without the work: made tasks that sleep, on a cluster of many threads.
+"""Measures the scheduling of ``lightdome catalog`` without its work: tasks only sleep, on a cluster of many threads.
 
     python tests/tools/catalog_simulation.py --maps 10000 --workers 32 --seconds 0
 
-Says how many maps a second the client, the scheduler and the journal handle, and how their memory grows. Everything is
-in one process, so the time per map is that of all three together.
+Prints how many maps per second the client, the scheduler and the journal handle, and how their memory grows. Everything
+runs in one process, so the time per map covers all three.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ LIGHT = dict.fromkeys(("to_light_x", "to_light_y", "to_light_z", "flux_red", "fl
 
 
 def made(source: str, options: Options, key: str, known: object, seconds: float) -> Row:
-    """A row of the usual size, after a while."""
+    """A row of the usual size, after a pause."""
     time.sleep(PAUSE)
     values: dict[str, Any] = {column.name: 0.123456789012345 for column in columns(options)}
     values |= {
@@ -47,9 +47,9 @@ def made(source: str, options: Options, key: str, known: object, seconds: float)
 def main() -> None:
     global PAUSE
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("--maps", type=int, default=10_000, help="rows to make")
-    parser.add_argument("--workers", type=int, default=32, help="of two threads each")
-    parser.add_argument("--seconds", type=float, default=0.0, help="that a row takes")
+    parser.add_argument("--maps", type=int, default=10_000, help="number of rows")
+    parser.add_argument("--workers", type=int, default=32, help="number of workers, of two threads each")
+    parser.add_argument("--seconds", type=float, default=0.0, help="time that a row takes")
     args = parser.parse_args()
     PAUSE = args.seconds
     computing.work = made
@@ -71,8 +71,8 @@ def main() -> None:
             took, now = time.perf_counter() - begin, process.cpu_times()
             cpu = now.user + now.system - busy.user - busy.system
             print(
-                f"{len(journal.entries)} maps: {len(names) / took:.0f} a second, {1000 * cpu / len(names):.2f} ms of"
-                f" processor time each, {process.memory_info().rss >> 20} MiB",
+                f"{len(journal.entries)} maps: {len(names) / took:.0f} per second, {1000 * cpu / len(names):.2f} ms of"
+                f" processor time per map, {process.memory_info().rss >> 20} MiB",
                 flush=True,
             )
 

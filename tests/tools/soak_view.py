@@ -1,9 +1,9 @@
-"""Turns the light on the page of ``lightdome view`` for thousands of frames: are they fast, and does memory stay flat?
+"""Turns the light in ``lightdome view`` for thousands of frames, to see whether they are fast and memory stays flat.
 
     python tests/tools/soak_view.py --frames 10000
 
-Needs Chromium and what the extras [view] and [test] install. Prints the time between frames and from the hand to the
-picture, with its parts; memory of the server and of the page at each tenth of the frames.
+Needs Chromium and the extras [view] and [test]. Prints the memory of the server and of the page after each tenth of the
+frames, the time between pictures, and the latency from input to picture with its parts.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from lightdome.viewer.server import Server
 from playwright.sync_api import Page, sync_playwright
 
-# Moves a pointer over the sphere in the page itself, once for each picture of the screen.
+# Runs in the page: drags a pointer over the sphere, one step per screen refresh.
 DRAG = """async (count) => {
   const view = document.getElementById("sphere-view"), box = view.getBoundingClientRect(), { frames } = lightdomeView;
   const send = (kind, n) => view.dispatchEvent(new PointerEvent(kind, { pointerId: 1, button: 0, bubbles: true,
@@ -49,7 +49,7 @@ def settled(page: Page) -> None:
 
 
 def memory(page: Page) -> str:
-    """Of this process, which is the server, and of the page's JavaScript, in MB."""
+    """The memory of this process, which runs the server, and of the page's JavaScript, in MB."""
     gc.collect()
     resident = next(
         int(line.split()[1]) / 1024
@@ -71,7 +71,7 @@ def main() -> None:
     args = parser.parse_args()
     envmap = lightdome.EnvironmentMap.read(args.map)
     server = Server(lightdome.open_device(), [("map", args.map, envmap)])
-    chromium = shutil.which("chromium") or sys.exit("there is no chromium")
+    chromium = shutil.which("chromium") or sys.exit("chromium is not installed")
     with sync_playwright() as started:
         browser = started.chromium.launch(
             executable_path=chromium, args=["--no-sandbox", "--enable-unsafe-swiftshader"]
@@ -79,7 +79,7 @@ def main() -> None:
         page = browser.new_page(viewport={"width": 1280, "height": 900})
         page.goto(f"{server.url}#resolution={args.resolution}")
         settled(page)
-        print(f"load {os.getloadavg()[0]:.1f}; at first: {memory(page)}")
+        print(f"load {os.getloadavg()[0]:.1f}; at the start: {memory(page)}")
         times = []
         part = max(1, args.frames // 10)
         for done in range(part, args.frames + 1, part):
@@ -90,7 +90,7 @@ def main() -> None:
         told = {"between pictures": np.concatenate([np.diff(of_part[:, 0]) for of_part in times])}
         drawn, moved, asked, arrived, computed = np.concatenate(times).T
         told |= {
-            "hand to picture": drawn - moved,
+            "input to picture": drawn - moved,
             "computing": computed,
             "transfer": arrived - asked - computed,
             "drawing": drawn - arrived,

@@ -1,4 +1,4 @@
-"""Images are sent to tev, by a program that speaks its protocol; here the other end is a socket."""
+"""Images reach tev through tevclient; a plain socket takes tev's place."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_without_tevclient_one_line_says_what_to_install(monkeypatch: pytest.Mon
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # tevclient leaves its socket open
-def test_no_tev_is_told_in_one_line() -> None:
+def test_no_tev_gives_a_one_line_error() -> None:
     pytest.importorskip("tevclient", reason="needs tevclient")
     with socket.create_server(("127.0.0.1", 0)) as closed:
         port = closed.getsockname()[1]

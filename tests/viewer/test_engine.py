@@ -1,4 +1,4 @@
-"""What pages are answered is what the library computes; the commands that a page names do the same."""
+"""The engine's answers are what the library computes, and the commands that a page shows give the same."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def wish(**values: object) -> Setting:
 
 
 def unpacked(answer: bytes) -> tuple[dict[str, object], dict[str, np.ndarray]]:
-    """Header and arrays of an answer, as the page takes it apart."""
+    """Header and arrays of an answer, unpacked as the page does it."""
     begin = 4 + int.from_bytes(answer[:4], "little")
     header = json.loads(answer[4:begin])
     arrays = {}
@@ -72,7 +72,7 @@ def engine(device: Device, envmap: EnvironmentMap) -> Engine:
 ANGLES = {"yaw": 30, "pitch": -20, "roll": 10}
 
 
-def test_lights_turn_and_the_exact_image_with_them(engine: Engine, device: Device, envmap: EnvironmentMap) -> None:
+def test_lights_and_the_exact_image_turn_together(engine: Engine, device: Device, envmap: EnvironmentMap) -> None:
     sent = Sent()
     header, arrays = unpacked(engine.frame(wish(**ANGLES), sent))
     lights = Lights.of(build_distribution(device, envmap).sample(64, 3, "sobol"))
@@ -83,7 +83,7 @@ def test_lights_turn_and_the_exact_image_with_them(engine: Engine, device: Devic
     answers = [unpacked(answer) for answer in engine.rest(wish(**ANGLES), sent) if answer]
     (header, arrays), (followed, _) = answers
     assert header["numbers"]["rmse"] == relative_rmse(image, arrays["reference"])
-    # The map as it is, turned by whole columns, is the library's; by another turn it is resampled there.
+    # A turn by whole columns gives exactly the library's map; for any other, the library resamples.
     assert relative_rmse(arrays["reference"], exact(device, envmap.rotated(30, -20, 10), 31)) < 0.05
     assert followed["counts"][1] == 64
     assert followed["rmse"][1] == pytest.approx(header["numbers"]["rmse"], rel=1e-5)
@@ -109,7 +109,7 @@ def test_estimators_see_the_turned_map(engine: Engine, device: Device, envmap: E
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_stand_in_is_near_the_exact_image(engine: Engine, method: str) -> None:
+def test_the_approximation_is_near_the_exact_image(engine: Engine, method: str) -> None:
     setting, sent = wish(method=method, count=4, resolution=33, **ANGLES), Sent()
     header, _ = unpacked(engine.frame(setting, sent))
     later, _ = unpacked(next(answer for answer in engine.rest(setting, sent) if answer))
@@ -131,7 +131,7 @@ def test_nothing_is_sent_twice(engine: Engine) -> None:
     assert not [answer for answer in engine.rest(wish(albedo=0.5), sent) if answer]
 
 
-def test_kept_images_stay_below_their_room() -> None:
+def test_cached_images_stay_below_their_limit() -> None:
     kept = Kept(100)
     for n in range(50):
         kept.put(n, np.zeros(10, np.float32))
@@ -173,13 +173,13 @@ def test_wishes_out_of_range_are_refused(wrong: dict[str, object]) -> None:
         wish(**wrong)
 
 
-def test_wishes_that_lack_something_are_refused() -> None:
+def test_incomplete_wishes_are_refused() -> None:
     for name in WISH:
         with pytest.raises(LightdomeError, match=f"{name} is missing"):
             parse_setting({key: value for key, value in WISH.items() if key != name}, 1)
 
 
-def test_reflectances_are_the_library_s() -> None:
+def test_reflectances_match_the_library() -> None:
     told = reflectance(1.5)
     assert told["summary"]["brewster_entering_deg"] == summarise(1.5).brewster_entering_deg
     curve = told["curves"]["leaving"]
@@ -192,7 +192,7 @@ def test_reflectances_are_the_library_s() -> None:
             reflectance(wrong)
 
 
-def test_a_black_map_has_no_samples_and_harms_nothing(device: Device) -> None:
+def test_a_black_map_has_no_samples_and_causes_no_error(device: Device) -> None:
     engine = Engine(device, [("black", "black.pfm", EnvironmentMap(np.zeros((4, 8, 3), np.float32)))])
     with pytest.raises(LightdomeError, match="black"):
         engine.frame(wish(), Sent())

@@ -1,4 +1,4 @@
-"""Nobody gets in who has not the address, and no page of another site can steer the server."""
+"""Nobody gets in without the address, and no other site's page can control the server."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def server(device: Device) -> Iterator[Server]:
 def ask(
     server: Server, path: str | None = None, method: str = "GET", body: bytes | None = None, **headers: str
 ) -> tuple[int, bytes, dict[str, str]]:
-    """Status, body and headers of an answer to a request with exactly these headers, and the right Host by default."""
+    """Send a request with exactly these headers, and by default the right Host: status, body, headers of the answer."""
     connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=60)
     connection.putrequest(method, f"/{server.token}/" if path is None else path, skip_host=True)
     for name, value in {"Host": f"127.0.0.1:{server.port}", **headers}.items():
@@ -55,7 +55,7 @@ def test_it_listens_on_this_machine_alone(server: Server) -> None:
     assert is_loopback("localhost")
     assert not is_loopback("0.0.0.0")
     assert not is_loopback("192.168.1.2")
-    with pytest.raises(ConnectionRefusedError):  # another address of this machine, in the network of loopback
+    with pytest.raises(ConnectionRefusedError):  # another loopback address of this machine
         socket.create_connection(("127.0.0.2", server.port), 5)
 
 
@@ -91,8 +91,8 @@ def test_without_the_token_nothing_is_served(server: Server, prefix: str, name: 
 @pytest.mark.parametrize(
     "host", ["evil.example", "evil.example:{port}", "127.0.0.1.evil.example:{port}", "", "[", "a:b:c"]
 )
-def test_a_name_that_somebody_points_here_is_refused(server: Server, host: str) -> None:
-    """DNS rebinding: the address is this machine's, and the browser takes the server for the other site."""
+def test_another_name_that_points_at_this_machine_is_refused(server: Server, host: str) -> None:
+    """DNS rebinding: another site's name points at this machine, so browsers take this server for that site."""
     status, body, _ = ask(server, Host=host.format(port=server.port))
     assert status == 403
     assert server.token.encode() not in body
@@ -125,7 +125,7 @@ def test_a_post_must_say_that_it_comes_from_the_page(server: Server) -> None:
 
 
 def talk(server: Server, path: str | None = None, **headers: str) -> connect:
-    """A WebSocket; by default as the page opens it."""
+    """Open a WebSocket, by default as the page does."""
     origin = headers.pop("Origin", f"http://127.0.0.1:{server.port}")
     address = f"ws://127.0.0.1:{server.port}" + (f"/{server.token}/talk" if path is None else path)
     return connect(address, origin=origin or None, compression=None, max_size=2**26, additional_headers=headers)
@@ -160,7 +160,7 @@ def test_no_path_of_a_client_leads_to_a_file(server: Server, name: str) -> None:
     assert ask(server, f"/{server.token}/{name}")[0] == 404
 
 
-def test_only_maps_that_were_named_can_be_had(server: Server) -> None:
+def test_only_the_given_maps_can_be_read(server: Server) -> None:
     with talk(server) as page:
         assert heard(page)["kind"] == "hello"
         for number in -1, 1, "small.exr", "../secret.exr", None, True, 0.0, [0]:
@@ -171,7 +171,7 @@ def test_only_maps_that_were_named_can_be_had(server: Server) -> None:
 
 
 def heard(page: ClientConnection) -> dict[str, object]:
-    """The header of the next answer."""
+    """Receive the next answer, and return its header."""
     answer = page.recv(timeout=60)
     length = int.from_bytes(answer[:4], "little")
     return json.loads(answer[4 : 4 + length])
@@ -180,7 +180,7 @@ def heard(page: ClientConnection) -> dict[str, object]:
 @pytest.mark.parametrize(
     "text", ["", "[]", "1", "{", '{"do": 1}', '{"do": "quit"}', '{"do": ["frame"]}', "[" * 5000, '"\\ud800"']
 )
-def test_what_is_no_wish_changes_nothing(server: Server, text: str) -> None:
+def test_unknown_requests_change_nothing(server: Server, text: str) -> None:
     with talk(server) as page:
         heard(page)
         page.send(text)
@@ -188,7 +188,7 @@ def test_what_is_no_wish_changes_nothing(server: Server, text: str) -> None:
         assert heard(page)["kind"] == "fresnel"
 
 
-def test_messages_and_files_are_bounded(server: Server) -> None:
+def test_messages_and_files_are_limited_in_size(server: Server) -> None:
     with talk(server) as page:
         heard(page)
         page.send("x" * 10**6)
@@ -201,7 +201,7 @@ def test_messages_and_files_are_bounded(server: Server) -> None:
     assert b"64 MiB" in body
 
 
-def test_pages_are_bounded(server: Server) -> None:
+def test_the_number_of_pages_is_limited(server: Server) -> None:
     with ExitStack() as open_pages:
         for _ in range(MOST_PAGES):
             heard(open_pages.enter_context(talk(server)))

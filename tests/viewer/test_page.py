@@ -1,4 +1,4 @@
-"""The page in a browser: each control changes what it should, and its numbers are the library's."""
+"""The page in a browser: each control changes what it should, and the page's numbers match the library's."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ pytest.importorskip("websockets", reason="needs the extra [view]")
 from lightdome.viewer.server import Server  # noqa: E402
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-SECONDS = 60  # for a picture, however slow or shared the machine is
+SECONDS = 60  # to wait for a picture, even on a slow, shared machine
 RESOLUTION = 63
 
 pytestmark = [
@@ -72,7 +72,7 @@ Open = Callable[..., "playwright.Page"]
 
 @pytest.fixture
 def open_page(server: Server, browser: playwright.Browser) -> Iterator[Open]:
-    """Open the page at a state; whatever it reports as an error fails the test."""
+    """Open the page in a state. Any error that it reports fails the test."""
     errors: list[str] = []
     contexts = []
 
@@ -93,12 +93,12 @@ def open_page(server: Server, browser: playwright.Browser) -> Iterator[Open]:
 
 
 def is_error(message: playwright.ConsoleMessage) -> bool:
-    """Whether the page complains; a file that is refused, which Chromium tells too, is none."""
+    """Whether a console message is an error. Chromium also reports refused files (status 422), which are expected."""
     return message.type == "error" and "422" not in message.text
 
 
 def until(page: playwright.Page, expression: str) -> None:
-    """Wait until an expression of the page is true; the page's policy forbids Playwright's own way to do so."""
+    """Wait until a JavaScript expression is true; the page's policy blocks Playwright's own wait."""
     end = time.monotonic() + SECONDS
     while not page.evaluate(expression):
         assert time.monotonic() < end, expression
@@ -106,7 +106,7 @@ def until(page: playwright.Page, expression: str) -> None:
 
 
 def settled(page: playwright.Page) -> None:
-    """Wait until the page has the exact image of its state."""
+    """Wait until the page shows the exact image for its state."""
     until(page, "lightdomeView.isSettled")
 
 
@@ -116,7 +116,7 @@ def rmse(page: playwright.Page) -> float:
 
 
 def enter(page: playwright.Page, name: str, value: object) -> None:
-    """Type a value into a field, as a hand does."""
+    """Type a value into a field, as a user does."""
     page.fill(f"#{name}", str(value))
     page.press(f"#{name}", "Enter")
     settled(page)
@@ -126,7 +126,7 @@ def shared(device: Device, envmap: EnvironmentMap, count: int = 256, seed: int =
     return Lights.of(build_distribution(device, envmap).sample(count, seed, sequence))
 
 
-def test_numbers_and_controls_are_the_library_s(open_page: Open, device: Device, envmap: EnvironmentMap) -> None:
+def test_numbers_and_controls_match_the_library(open_page: Open, device: Device, envmap: EnvironmentMap) -> None:
     page = open_page()
     truth = exact(device, envmap, RESOLUTION)
 
@@ -151,7 +151,7 @@ def test_numbers_and_controls_are_the_library_s(open_page: Open, device: Device,
 
 
 @pytest.mark.parametrize("method", ["light", "bsdf", "mis", "product"])
-def test_estimators_are_the_library_s(open_page: Open, device: Device, envmap: EnvironmentMap, method: str) -> None:
+def test_estimators_match_the_library(open_page: Open, device: Device, envmap: EnvironmentMap, method: str) -> None:
     page = open_page(method=method, sequence="sobol", count=8, seed=2, yaw=20, pitch=10)
     turned = envmap.rotated(20, 10)
     pixels = "centres" if method in ("light", "product") else "areas"
@@ -196,7 +196,7 @@ def drag(page: playwright.Page, view: str, right: float, down: float = 0.0) -> N
 def test_dragging_turns_the_light_as_rotated_does(
     open_page: Open, device: Device, envmap: EnvironmentMap, view: str, right: float, down: float
 ) -> None:
-    """The samples that are seen are those of the map, turned; the exact image is that of the turned map."""
+    """The page shows the map's samples, turned, and the exact image of the turned map."""
     page = open_page()
     drag(page, view, right, down)
     angles = page.evaluate("[lightdomeView.state.yaw, lightdomeView.state.pitch, lightdomeView.state.roll]")
@@ -206,7 +206,7 @@ def test_dragging_turns_the_light_as_rotated_does(
     image = shade(device, lights, resolution=RESOLUTION)
     seen = page.evaluate("Array.from(lightdomeView.images.image.data)")
     np.testing.assert_array_equal(np.array(seen, np.float32).reshape(image.shape), image)
-    # Resampling to the turned map's pixels changes light by a little, and moving by whole columns by none.
+    # Resampling the turned map changes its light a little; a turn by whole columns does not change it at all.
     reference = np.array(page.evaluate("Array.from(lightdomeView.images.reference.data)")).reshape(image.shape)
     assert relative_rmse(reference, exact(device, envmap.rotated(*angles), RESOLUTION)) < 0.02
     columns = round(angles[0] / 360 * envmap.width) * 360 / envmap.width
@@ -218,7 +218,7 @@ def test_dragging_turns_the_light_as_rotated_does(
 
 
 def test_what_is_dragged_follows_the_pointer(open_page: Open) -> None:
-    """Of the map: the direction under the pointer at first is under it at the end."""
+    """On the map, the direction under the pointer stays under it."""
     page = open_page()
     box = page.locator("#map-canvas").bounding_box()
     drag(page, "#map-canvas", 70, 40)
@@ -310,7 +310,7 @@ def test_a_wrong_address_shows_the_nearest_right_one(open_page: Open) -> None:
 
 
 def pixels_of(page: playwright.Page, canvas: str) -> np.ndarray:
-    """What a canvas shows, (h, w, 4), row 0 at the top."""
+    """The pixels of a canvas, (h, w, 4), with row 0 at the top."""
     width, height, data = page.evaluate(
         "async (id) => { const c = document.getElementById(id), d = document.createElement('canvas');"
         " d.width = c.width; d.height = c.height; const g = d.getContext('2d'); g.drawImage(c, 0, 0);"
@@ -368,11 +368,11 @@ def test_the_wipe_shows_the_exact_image_on_the_right(open_page: Open) -> None:
     side = (both.shape[1] - 2 * gap) // 3
     left, right = slice(0, side // 2 - 3), slice(side // 2 + 3, side)
     np.testing.assert_array_equal(both[:, left], method[:, left])
-    start = gap + side  # of the exact image
+    start = gap + side  # where the exact image begins
     np.testing.assert_allclose(both[:, right], both[:, start + side // 2 + 3 : start + side], atol=1)
 
 
-def test_what_stands_in_for_the_exact_image_while_the_hand_moves_looks_like_it(open_page: Open) -> None:
+def test_the_approximation_while_dragging_looks_like_the_exact_image(open_page: Open) -> None:
     page = open_page(resolution=255)
     page.evaluate("lightdomeView.turn({ yaw: 130, pitch: -50, roll: 20 }, true)")
     until(page, "lightdomeView.frames.at(-1).setting.yaw === 130 && lightdomeView.frames.at(-1).drawn > 0")
@@ -412,7 +412,7 @@ def test_points_are_collected_with_their_pareto_front(open_page: Open) -> None:
     assert "Slope" in page.locator("#slope").inner_text()
 
 
-def test_fresnel_is_the_library_s(open_page: Open) -> None:
+def test_fresnel_matches_the_library(open_page: Open) -> None:
     page = open_page(tab="fresnel")
     enter(page, "eta", 1.7)
     expected = summarise(1.7)
@@ -423,7 +423,7 @@ def test_fresnel_is_the_library_s(open_page: Open) -> None:
     assert page.locator("#entering path.curve").count() == 4
 
 
-def test_check_says_what_the_command_says(
+def test_check_reports_what_the_command_reports(
     open_page: Open, device: Device, envmap: EnvironmentMap, tmp_path: Path
 ) -> None:
     image = exact(device, envmap, RESOLUTION)
@@ -481,7 +481,7 @@ def test_without_webgl_the_server_makes_the_pictures(server: Server, browser: pl
 
 
 def test_many_frames_leave_nothing_behind(open_page: Open, server: Server) -> None:
-    """A few hundred frames here; ``tests/tools/soak_view.py`` has ten thousand."""
+    """A few hundred frames; ``tests/tools/soak_view.py`` runs ten thousand."""
     page = open_page(resolution=31)
     page.evaluate("lightdomeView.frames.length = 0")
     turns = (
@@ -496,7 +496,7 @@ def test_many_frames_leave_nothing_behind(open_page: Open, server: Server) -> No
     assert server.engine.exact_images.bytes <= 2**26
 
 
-def test_a_page_that_is_gone_leaves_room(open_page: Open, server: Server) -> None:
+def test_a_closed_page_makes_room_for_another(open_page: Open, server: Server) -> None:
     for _ in range(3):
         page = open_page()
         page.reload()

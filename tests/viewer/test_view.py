@@ -1,4 +1,4 @@
-"""The command serves until it is told to end, and a notebook shows the same page in a frame."""
+"""The command serves the page until it is stopped, and a notebook shows the same page in a frame."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_the_command_prints_its_address_and_ends_on_ctrl_c(map_file: Path) -> No
 
 
 @pytest.mark.slow
-def test_another_host_is_warned_of_and_keeps_the_token(map_file: Path) -> None:
+def test_another_host_gives_a_warning_and_keeps_the_token(map_file: Path) -> None:
     words = [sys.executable, "-m", "lightdome", "view", str(map_file), "--no-browser", "--host", "0.0.0.0"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         said = [process.stdout.readline() for _ in range(2)]
@@ -59,7 +59,7 @@ def test_another_host_is_warned_of_and_keeps_the_token(map_file: Path) -> None:
         assert "can be reached from the network" in process.stderr.read()
 
 
-def test_a_port_that_is_taken_is_told_in_one_line(device: lightdome.Device) -> None:
+def test_a_port_in_use_gives_a_one_line_error(device: lightdome.Device) -> None:
     from lightdome.viewer.server import Server
 
     envmap = lightdome.EnvironmentMap(np.ones((4, 8, 3), np.float32))
@@ -88,7 +88,7 @@ def test_only_maps_can_be_viewed(wrong: object, said: str) -> None:
         lightdome.view(wrong)
 
 
-def test_what_is_missing_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_packages_give_a_one_line_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "uvicorn", None)
     with pytest.raises(lightdome.LightdomeError, match=r"pip install 'lightdome\[view\]'"):
         notebook.server_class()
