@@ -109,7 +109,7 @@ class Server:
         except OSError as error:
             listening.close()
             raise LightdomeError(
-                f"cannot listen at {host} port {port}: {error.strerror or error}; choose another --port or --host"
+                f"cannot listen on {host} port {port}: {error.strerror or error}; choose another --port or --host"
             ) from error
         self.host, self.port = listening.getsockname()[:2]
         routes = [

@@ -64,7 +64,7 @@ def test_a_port_in_use_gives_a_one_line_error(device: lightdome.Device) -> None:
 
     envmap = lightdome.EnvironmentMap(np.ones((4, 8, 3), np.float32))
     server = Server(device, [("one", "one.exr", envmap)])
-    with pytest.raises(lightdome.LightdomeError, match=f"cannot listen at 127.0.0.1 port {server.port}"):
+    with pytest.raises(lightdome.LightdomeError, match=f"cannot listen on 127.0.0.1 port {server.port}"):
         Server(device, [("one", "one.exr", envmap)], port=server.port)
     server.close()
 

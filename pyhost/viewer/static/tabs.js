@@ -119,7 +119,7 @@ export class CheckPage {
     const [x, y] = header.largest_error_at_pixel;
     rows.push(["Largest error", `${short(header.largest_error_radiance)} radiance, at x = ${x}, y = ${y}`]);
     const parts = [heading(sign + capital(header.verdict)), paragraph(`${name}, ${header.file_width} × ${header.file_height} pixels`)];
-    if (header.cause_told) parts.push(paragraph(`Seen: ${header.cause_told.seen}`), paragraph(`Where: ${header.cause_told.where}`));
+    if (header.cause_told) parts.push(paragraph(`Symptom: ${header.cause_told.seen}`), paragraph(`Where to look: ${header.cause_told.where}`));
     const table = document.createElement("table");
     fill(table, rows, false);
     verdict.replaceChildren(...parts, table);
