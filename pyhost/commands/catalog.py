@@ -29,17 +29,17 @@ FOLDERS = ("lights", "samples", "thumbnails")
 
 def main() -> None:
     parser = cli.parser(
-        "Make a table of many maps: what is in each, a few lights, harmonics, and how far off both are.\n\n"
-        "Writes catalog.parquet, catalog.csv and index.html, a page that needs no network. A map that cannot be read"
-        " costs its own row alone. Rows are kept as they come, and the same command goes on where it was stopped: only"
-        " new, changed and failed maps are computed.",
+        "Make a table of many maps: what is in each, a few lights, harmonics, and the errors of both.\n\n"
+        "Writes catalog.parquet, catalog.csv and index.html, a page that needs no network. If a map cannot be read,"
+        " only its own row is lost. Rows are saved as they are finished. If you repeat a command that was stopped, it"
+        " continues: only new, changed and failed maps are computed.",
         "maps --out out/catalog --thumbnails",
     )
     parser.add_argument(
         "maps",
         nargs="+",
         metavar="PATH",
-        help="maps, folders with all below them, globs, .txt files with one of these a line, or URLs that fsspec reads",
+        help="maps, folders and all below them, globs, .txt files with one of these per line, URLs that fsspec reads",
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write into")
     parser.add_argument("--lights", type=count, default=16, metavar="N", help="lights by median cut, 0 for none")
@@ -63,7 +63,7 @@ def main() -> None:
     )
     place = parser.add_mutually_exclusive_group()
     place.add_argument("--scheduler", metavar="ADDRESS", help="compute on this Dask cluster: tcp://HOST:PORT")
-    place.add_argument("--scheduler-file", type=Path, metavar="FILE", help="the same, as its scheduler file says")
+    place.add_argument("--scheduler-file", type=Path, metavar="FILE", help="the same, with the address from its file")
     parser.add_argument(
         "--tls",
         type=Path,

@@ -1,4 +1,4 @@
-"""A page in the browser on which a map, its samples, the sphere and the error answer to the hand."""
+"""A page in the browser that shows a map, its samples, the sphere and the error as the user turns the light."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from . import cli
 
 def main() -> None:
     parser = cli.parser(
-        "Look at a map, its samples, the sphere and the error in the browser, and turn, sample and compare by hand.\n\n"
-        "The page is served by this command until Ctrl-C, on this machine alone, and only to who has the address that"
-        " is printed. It needs the extra [view].",
+        "Look at a map, its samples, the sphere and the error in the browser, turn the light, and compare methods.\n\n"
+        "This command serves the page until Ctrl-C, to this machine only, and only at the address that it prints. It"
+        " needs the extra [view].",
         "data/default.exr --no-browser",
     )
     parser.add_argument("maps", type=Path, nargs="*", metavar="MAP", help="environment maps: .exr, .hdr or .pfm")
@@ -25,9 +25,9 @@ def main() -> None:
         "--host",
         default="127.0.0.1",
         metavar="ADDRESS",
-        help="address to listen at; another than this one opens the page to the network, without encryption",
+        help="address to listen at; any other than the default opens the page to the network, without encryption",
     )
-    parser.add_argument("--no-browser", action="store_true", help="print the address, and open no browser")
+    parser.add_argument("--no-browser", action="store_true", help="print the address, but open no browser")
     cli.device_option(parser)
     args = parser.parse_args()
 

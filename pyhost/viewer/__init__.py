@@ -1,5 +1,5 @@
-"""The page on which a map, its samples, the sphere and the error answer to the hand: a server on this machine.
+"""The page that shows a map, its samples, the sphere and the error as the user turns the light.
 
-:mod:`.engine` computes what the page shows, :mod:`.messages` is what they say to each other, :mod:`.server` lets in
-nobody but who has the address, and ``static/`` holds the page. Needs the extra ``[view]``.
+:mod:`.engine` computes what the page shows, :mod:`.messages` defines the messages between them, :mod:`.server` serves
+only those who have the address, and ``static/`` holds the page. Needs the extra ``[view]``.
 """

@@ -1,7 +1,7 @@
 """Lets in requests that know the address, came to it by its own name, and were sent by no other site's page.
 
-- The address holds a random token; whatever comes without it is refused, and learns nothing.
-- ``Host`` must name this machine by an address of numbers or as localhost: a name that somebody points here (DNS
+- The address holds a random token; requests without it are refused, and learn nothing.
+- ``Host`` must name this machine by a numeric address or as localhost: a name that somebody points here (DNS
   rebinding) is refused, so no browser takes this server for another site.
 - ``Origin``, which a browser sends with each WebSocket and each POST and no page can change, must be that of the page
   itself.

@@ -51,13 +51,13 @@ class View:
 def view(
     envmap: EnvironmentMap | Mapping[str, EnvironmentMap], device: Device | None = None, height: int = 900
 ) -> View:
-    """Show a map, or several by name, with its samples, the sphere and the error on a page that answers to the hand.
+    """Show a page with a map, or several by name, its samples, the sphere and the error as the user turns the light.
 
     - ``device``: by default the one of :func:`lightdome.open_device`
     - ``height``: of the frame in a notebook, in pixels
 
-    The page is served on this machine alone, and only to who has its address. Raises :class:`LightdomeError` where what
-    the extra ``[view]`` installs is missing, and for anything but maps.
+    The page is served to this machine only, and only to those who have its address. Raises :class:`LightdomeError` if
+    the extra ``[view]`` is not installed, and for anything but maps.
     """
     maps = dict(envmap) if isinstance(envmap, Mapping) else {"map": envmap}
     if not maps:
