@@ -1,4 +1,4 @@
-"""The Dask cluster that computes a catalog: one of this machine, on loopback, or one that runs already."""
+"""The Dask cluster that computes a catalog: one on this machine, on loopback only, or a running one."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Place:
 
 @contextmanager
 def connected(place: Place, folder: str) -> Iterator[Client]:
-    """A client; workers on this machine have ``folder``. Raises :class:`LightdomeError` where there is no cluster."""
+    """A client; workers on this machine have ``folder``. Raises :class:`LightdomeError` if there is no cluster."""
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what it loses is told in a line
     with ExitStack() as stack:
         try:

@@ -1,4 +1,4 @@
-"""Have a cluster compute the rows of many maps: a bounded number at a time, each written down as it comes."""
+"""Have a cluster compute the rows of many maps: a bounded number at a time, each row saved when it is finished."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Flight:
 
 
 class Run:
-    """Computes the rows of ``sources`` that the journal has not, into the folder ``out``.
+    """Computes the rows of ``sources`` that the journal lacks, into the folder ``out``.
 
     Maps whose worker died come again, one at a time, after all others: then a second death is that map's own.
     """
@@ -63,7 +63,7 @@ class Run:
         self._most = AHEAD
 
     def __call__(self, client: Client) -> None:
-        """Raises :class:`LightdomeError` where the cluster is gone; what is in the journal stays there."""
+        """Raises :class:`LightdomeError` if the cluster is gone; the journal keeps its rows."""
         try:
             self._compute(client)
         except (OSError, TimeoutError, CancelledError) as error:

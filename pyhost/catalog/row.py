@@ -1,4 +1,4 @@
-"""One map, one row: what is in it, lights, harmonics, their errors, and pictures, as far as they are asked for."""
+"""One map, one row: what is in it, lights, harmonics, their errors, and pictures, as far as the options ask."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def local(source: str) -> Iterator[Path]:
 
 
 def digest(path: Path) -> tuple[str, int]:
-    """SHA-256 and size in bytes of a file. Raises :class:`LightdomeError` where it cannot be read."""
+    """SHA-256 and size in bytes of a file. Raises :class:`LightdomeError` if it cannot be read."""
     found, size = hashlib.sha256(), 0
     try:
         with path.open("rb") as file:
@@ -168,7 +168,7 @@ class ReadMap:
 
 
 def read(path: Path, memory: int) -> ReadMap:
-    """Read a map, in whatever projection; one that does not fit into ``memory`` bytes later, in bands."""
+    """Read a map in any projection; one that needs more than ``memory`` bytes is read later, in bands."""
     image = ImageRows(path)
     step = _step(image, memory)
     if image.is_cube or image.width != 2 * image.height:

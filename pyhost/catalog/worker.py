@@ -44,7 +44,7 @@ def _device(choice: str | None) -> Device:
 
 
 class _Watch:
-    """Ends the process when something in it takes longer than it may."""
+    """Ends the process if something in it takes too long."""
 
     def __init__(self) -> None:
         self._ends: dict[int, float] = {}

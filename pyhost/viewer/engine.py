@@ -1,10 +1,10 @@
 """Computes what a page shows. One thread owns an :class:`Engine`, and the device with it.
 
-Shared samples, median cut and harmonics are of the map as it lies in its file, and turn with the light: a turn of the
-hand moves directions, and nothing is resampled. The exact image that they are compared with sums every pixel of the
-map as a light that has turned along. Estimators with samples for every pixel need tables of the turned map, so that
-is :meth:`lightdome.EnvironmentMap.rotated`, and their exact image is of it. While the hand moves, harmonics stand in
-for the exact image.
+Shared samples, median cut and harmonics are computed for the map in its file, and turn with the light: only their
+directions change, and nothing is resampled. The exact image that they are compared with sums every pixel of the map as
+a light that has turned in the same way. Estimators with samples per pixel need tables of the turned map, which is made
+by :meth:`lightdome.EnvironmentMap.rotated`, and their exact image is that of the turned map. While the user moves
+something, harmonics replace the exact image.
 """
 
 from __future__ import annotations
@@ -179,7 +179,7 @@ class Engine:
         return packed(header, arrays)
 
     def rest(self, setting: Setting, sent: Sent) -> Generator[bytes | None, None, None]:
-        """What follows when the hand rests, in steps that may be the last: the exact image, then the error by count.
+        """What follows when the user stops moving: the exact image, then the error by count. Any step may be the last.
 
         None is a step without an answer.
         """
@@ -242,7 +242,7 @@ class Engine:
         return Image(pixels, seconds, on_device, lights)
 
     def _made(self, setting: Setting) -> Lights | Harmonics:
-        """The lights or harmonics of a setting, unturned; the last ones are kept while the hand moves."""
+        """The lights or harmonics of a setting, unturned; the last ones are kept while the user moves something."""
         key = (setting.map, setting.method, setting.sequence, setting.count, setting.seed)
         if setting.is_moving and self._lights and self._lights[0] == key:
             return self._lights[1]

@@ -39,7 +39,7 @@ class Setting:
     angles: tuple[float, float, float]
     albedo: float
     resolution: int
-    is_moving: bool  # the hand still moves something: take a quick stand-in for the exact image
+    is_moving: bool  # the user still moves something: use a quick stand-in for the exact image
     # Of a page without WebGL: an exposure factor, gamma, and the difference in full colour, in percent of the brightest
     # exact pixel; else None.
     pictures: tuple[float, float, float] | None
@@ -56,7 +56,7 @@ class Setting:
 
 
 def parse_setting(values: Mapping[str, Any], maps: int) -> Setting:
-    """A page's wish; raises :class:`LightdomeError` for whatever is missing, of another type or out of range."""
+    """What a page asks for; raises :class:`LightdomeError` for whatever is missing, of another type or out of range."""
     method = checks.choice("method", _of(values, "method"), METHODS)
     sequences = PIXEL_SEQUENCES if method in ESTIMATORS else SEQUENCES
     sequence = _of(values, "sequence")

@@ -31,7 +31,7 @@ class View:
 
     @property
     def url(self) -> str:
-        """The address, for a browser on this machine; it holds a token, and who knows it may use the page."""
+        """The address, for a browser on this machine; it holds a token, and anyone who knows it may use the page."""
         return self._server.url
 
     def __repr__(self) -> str:

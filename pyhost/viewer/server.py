@@ -48,7 +48,7 @@ FILES = {  # the only files that are served
     "style.css": ("style.css", "text/css"),
     **{f"{name}.js": (f"{name}.js", "text/javascript") for name in ("main", "state", "draw", "plots", "tabs")},
 }
-REST_SECONDS = 0.2  # without a new wish, until the hand is taken to rest
+REST_SECONDS = 0.2  # without a new request, after which the user has stopped moving
 MESSAGE_BYTES = 2**16  # of what a page sends
 MOST_PAGES = 16
 UPLOAD_SECONDS = 60.0
@@ -105,7 +105,7 @@ class Server:
         try:
             listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             listening.bind((host, port))
-            listening.listen()  # who comes before the server's loop runs waits
+            listening.listen()  # requests that come before the server's loop runs wait
         except OSError as error:
             listening.close()
             raise LightdomeError(
@@ -138,7 +138,7 @@ class Server:
 
     @property
     def url(self) -> str:
-        """The address of the page; who knows it may use the server."""
+        """The address of the page; anyone who knows it may use the server."""
         host = socket.gethostname() if self.host in ("0.0.0.0", "::") else self.host
         host = f"[{host}]" if ":" in host else host
         return f"http://{host}:{self.port}/{self.token}/"

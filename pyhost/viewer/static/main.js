@@ -14,7 +14,7 @@ const TABS = ["light", "fresnel", "check"];
 const FORMATS = { csv: "CSV", json: "JSON", pbrt: "PBRT", mitsuba: "Mitsuba", gltf: "glTF", usda: "USD", blender: "Blender" };
 const TYPES = { float16: Uint16Array, float32: Float32Array, int32: Int32Array, uint8: Uint8Array };
 const MOST_POINTS = 500;
-const TELLING = 120; // milliseconds between two changes of the numbers while the hand moves
+const TELLING = 120; // milliseconds between two changes of the numbers during a movement
 const PATIENCE = 120; // milliseconds that the map waits for its sphere
 
 let mapView = null, sphereView = null;
@@ -196,7 +196,7 @@ function tellNumbers(header, isExact, setting) {
   const flight = frames[frames.length - 1];
   if (flight) $("whole-ms").textContent = `${(flight.drawn - flight.moved).toFixed(0)} ms`;
   $("method-ms").textContent = `${header.method_ms.toFixed(1)} ms`;
-  $("numbers-note").textContent = isExact ? "Against the exact image." : "Against a quick stand-in for the exact image, until the hand rests.";
+  $("numbers-note").textContent = isExact ? "Against the exact image." : "Against a quick stand-in for the exact image, until you stop moving.";
   $("exact-state").textContent = isExact ? "" : "stand-in while moving";
   $("method-name").textContent = methodName(setting ?? state);
   if (brightest === 0) $("numbers-note").textContent = "The image is black.";
@@ -232,7 +232,7 @@ function redraw(then = null) {
 
 let mustTell = null, toldAt = 0;
 
-/** Bring controls and numbers up to date: while the hand moves not for every picture, since nobody reads that fast. */
+/** Bring controls and numbers up to date: during a movement not for every picture, since nobody reads that fast. */
 function tell() {
   toldAt = performance.now();
   if (mustShow) for (const show of shows) show();
