@@ -27,7 +27,7 @@ from lightdome.opencl.device import Device
 from lightdome.rendering.per_pixel import render
 from lightdome.sampling.distribution import build_distribution
 
-playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright, of the extra [test]")
+playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright, of the extra [dev]")
 pytest.importorskip("starlette", reason="needs the extra [view]")
 pytest.importorskip("uvicorn", reason="needs the extra [view]")
 pytest.importorskip("websockets", reason="needs the extra [view]")
