@@ -49,7 +49,7 @@ class Command:
 COMMANDS = {
     "devices": Command("devices", "list OpenCL devices with their speed, and which one is used"),
     "info": Command("info", "say what is in a map: clipping, sun, range, where its light comes from"),
-    "view": Command("view", "look at a map, its samples, the sphere and the error in the browser, by hand"),
+    "view": Command("view", "show a map, its samples, the sphere and the error in the browser"),
     "sample": Command("part2_sample", "draw light samples from a map, and show where they fall"),
     "shade": Command("part3_shade", "shade a sphere with one set of samples for all pixels"),
     "render": Command("part4_pbrt", "render the sphere with fresh samples for every pixel"),

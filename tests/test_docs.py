@@ -51,6 +51,9 @@ CHEAP = {
 # Commands that run once: the programs, if they do not read or write existing files.
 BY_ITSELF = ("scripts/bench.py", "scripts/test", ".venv/bin/lightdome devices")
 
+# What a page's commands need beyond the extra [test].
+NEEDS = {"catalog.md": ("distributed", "pyarrow")}
+
 # In place of scripts/setup.sh, since the machine is set up already.
 SET_UP = f"""\
 root=$(CDPATH='' cd -- "$(dirname -- "${{BASH_SOURCE[0]}}")/.." && pwd)
@@ -165,6 +168,8 @@ def run_inside(clone: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Path, 
 def test_commands_and_programs_run(
     page: Path, clone: Path, ran: set[str], run_inside: Callable[[Path, str], None]
 ) -> None:
+    for needed in NEEDS.get(page.name, ()):
+        pytest.importorskip(needed, reason="needs the extra [cluster]")
     run_it = run if page == ROOT / "README.md" else run_inside
     for language, block in blocks(page.read_text(encoding="utf-8")):
         assert language in LANGUAGES, f"a block tagged {language!r}"

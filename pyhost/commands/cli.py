@@ -340,7 +340,7 @@ def display_option(parser: argparse.ArgumentParser) -> None:
         "--display",
         type=_display,
         metavar="HOST:PORT",
-        help="send the images, radiance, also to the viewer tev, which listens at 127.0.0.1:14158",
+        help="also send the images, as linear radiance, to tev, which listens at 127.0.0.1:14158 (default: none)",
     )
 
 

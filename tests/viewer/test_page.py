@@ -22,11 +22,12 @@ from lightdome.lighting.shade import shade
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import tone_map, write_image
 from lightdome.maps.rotation import rotation_matrix
+from lightdome.names import SEED
 from lightdome.opencl.device import Device
 from lightdome.rendering.per_pixel import render
 from lightdome.sampling.distribution import build_distribution
 
-playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright, of the extra [test]")
+playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright, of the extra [dev]")
 pytest.importorskip("starlette", reason="needs the extra [view]")
 pytest.importorskip("uvicorn", reason="needs the extra [view]")
 pytest.importorskip("websockets", reason="needs the extra [view]")
@@ -122,7 +123,9 @@ def enter(page: playwright.Page, name: str, value: object) -> None:
     settled(page)
 
 
-def shared(device: Device, envmap: EnvironmentMap, count: int = 256, seed: int = 0, sequence: str = "sobol") -> Lights:
+def shared(
+    device: Device, envmap: EnvironmentMap, count: int = 256, seed: int = SEED, sequence: str = "sobol"
+) -> Lights:
     return Lights.of(build_distribution(device, envmap).sample(count, seed, sequence))
 
 
@@ -246,7 +249,7 @@ def test_a_drag_down_the_sphere_moves_light_down(open_page: Open) -> None:
         ("s", "sequence", "lattice"),
         ("+", "count", 512),
         ("-", "count", 128),
-        ("n", "seed", 1),
+        ("n", "seed", SEED + 1),
         ("e", "ev", 0.5),
         ("d", "ev", -0.5),
         ("w", "wipe", 50),
