@@ -33,7 +33,7 @@ from ..sampling.distribution import Distribution, build_distribution
 from .fallback import pictures_of
 from .messages import CUT, HARMONICS, SHARED, Setting, halved, packed
 
-STAND_IN = 12  # degree of the harmonics that approximate the exact image
+STAND_IN = 12  # order of the harmonics that approximate the exact image
 # Turns that bring +z, -z, +x, -x, +y and -y to the front. From these six images, a page can look up the approximation
 # for any turn.
 SIX_TURNS = ((0, 0), (180, 0), (-90, 0), (90, 0), (0, 90), (0, -90))

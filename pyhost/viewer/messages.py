@@ -21,7 +21,7 @@ from ..names import ESTIMATORS, PIXEL_SEQUENCES, SEQUENCES
 
 SHARED, CUT, HARMONICS = "shared", "median-cut", "harmonics"
 METHODS = (SHARED, CUT, HARMONICS, *ESTIMATORS)
-# The largest number of samples, lights, degrees or samples per pixel: a frame should take seconds at most.
+# The largest number of samples, lights or samples per pixel, or order: a frame should take seconds at most.
 MOST = {SHARED: 65536, CUT: 4096, HARMONICS: 24, **dict.fromkeys(ESTIMATORS, 256)}
 RESOLUTIONS = (16, 1023)
 HALF_PEAK = 60000.0  # the largest value sent as a half float, below its limit of 65504

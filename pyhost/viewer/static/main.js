@@ -205,7 +205,7 @@ function tellNumbers(header, isExact, setting) {
 const methodName = ({ method, sequence, count }) => {
   const name = $("method").querySelector(`[value="${method}"]`).textContent;
   if (method === "shared") return `${SEQUENCE_NAMES[sequence]}, ${count} samples`;
-  if (method === "harmonics") return `Harmonics up to degree ${count}`;
+  if (method === "harmonics") return `Harmonics up to order ${count}`;
   if (method === "median-cut") return `Median cut, ${count} lights`;
   return `${name}, ${SEQUENCE_NAMES[sequence]}, ${count} spp`;
 };
@@ -285,7 +285,7 @@ function plotTried() {
 function plotFollowed() {
   if (!followed || state.tab !== "light") return;
   const label = COUNTS[followed.method].label.toLowerCase();
-  $("error-count-title").textContent = `Error against ${followed.method === "harmonics" ? "the degree" : label}`;
+  $("error-count-title").textContent = `Error against ${followed.method === "harmonics" ? "the order" : label}`;
   const along = followed.counts.map((x, n) => ({ x, y: followed.rmse[n], label: `${x}: ${percent(followed.rmse[n])}` }));
   logLog($("error-count"), [{ points: along, kind: "line" }], { x: label, y: "relative RMSE", formatX: thousands });
   const { slope } = followed;

@@ -20,7 +20,7 @@ export const SEQUENCE_NAMES = {
 export const COUNTS = {
   shared: { low: 1, most: 65536, first: 256, label: "Samples" },
   "median-cut": { low: 1, most: 4096, first: 64, label: "Lights" },
-  harmonics: { low: 0, most: 24, first: 2, label: "Degree" },
+  harmonics: { low: 0, most: 24, first: 2, label: "Order" },
   light: { low: 1, most: 256, first: 16, label: "Samples per pixel" },
   bsdf: { low: 1, most: 256, first: 16, label: "Samples per pixel" },
   mis: { low: 1, most: 256, first: 16, label: "Samples per pixel" },
@@ -70,7 +70,7 @@ export function fitting(state) {
   return state;
 }
 
-/** Slider positions for counts: powers of two, or degrees as they are. */
+/** Slider positions for counts: powers of two, or the order itself. */
 export const toSlider = (method, count) => (method === "harmonics" ? count : Math.log2(count));
 export const fromSlider = (method, value) => (method === "harmonics" ? value : Math.round(2 ** value));
 
