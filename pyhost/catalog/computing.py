@@ -13,7 +13,7 @@ from queue import Empty, SimpleQueue
 from typing import Any
 from uuid import uuid4
 
-from distributed import Client, Future, KilledWorker
+from distributed import Client, Future, KilledWorker, LocalCluster
 
 from .. import __version__
 from ..errors import LightdomeError, one_line, shown
@@ -26,6 +26,7 @@ from .worker import work
 
 AHEAD = 2  # maps submitted per thread of the cluster
 POLL = 1.0  # seconds between checks of the cluster
+PATIENCE = 10.0  # seconds without any worker before our own cluster gets another one
 ALONE = 60.0  # seconds without any worker before the run ends
 GO_ON = "run the same command again to resume"
 MOST_KNOWN = 100  # at most so many known contents of the same size are compared with a map's
@@ -78,7 +79,7 @@ class Run:
                 while waiting and len(self._flying) < self._most:
                     self._submit(waiting.popleft())
                 if not self._flying:
-                    client.wait_for_workers(1, timeout=ALONE)  # so that its time starts with its work
+                    self._wait_for_worker()  # so that its time starts with its work
                     self._submit(self._suspects.popleft(), is_alone=True)
                 try:
                     future = self._finished.get(timeout=POLL)
@@ -151,6 +152,18 @@ class Run:
 
     def _entry(self, sha256: str | None) -> Entry:
         return next(rows[sha256] for rows in self.journal.by_size.values() if sha256 in rows)
+
+    def _wait_for_worker(self) -> None:
+        """Wait until there is a worker; our own cluster gets another one if that takes long.
+
+        Dask does not restart a worker that died while it started.
+        """
+        try:
+            self.client.wait_for_workers(1, timeout=PATIENCE)
+        except TimeoutError:
+            if isinstance(self.client.cluster, LocalCluster):
+                self.client.cluster.scale(len(self.client.cluster.worker_spec) + 1)
+            self.client.wait_for_workers(1, timeout=ALONE)
 
     def _look(self) -> None:
         """Check that the cluster is still there, and count its threads."""
