@@ -68,8 +68,9 @@ kernel void product_cdf(global const float *restrict flux,
         }
         weights_to_cdf(tile_row_cdf + j * cells.x, cells.x, row_sum);
         tile_marginal_cdf[j] = as_uint(row_sum);
-        sum += row_sum;
     }
+    for (uint j = 0; j < cells.y; ++j)  // of what is stored: summed above, it has other last digits on Intel's OpenCL
+        sum += as_float(tile_marginal_cdf[j]);
     weights_to_cdf(tile_marginal_cdf, cells.y, sum);
     total[index] = sum;
 }
