@@ -101,7 +101,7 @@ class Server:
         self.engine = self._compute.submit(lambda: Engine(device or open_device(), list(maps))).result()
         self.pages = 0
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        listening = socket.socket(family)
+        listening = self._listening = socket.socket(family)
         try:
             listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             listening.bind((host, port))
@@ -152,6 +152,7 @@ class Server:
         """Stop the server and wait for it to end."""
         self._uvicorn.should_exit = True
         self._thread.join()
+        self._listening.close()  # uvicorn leaves it open if it is stopped before it has started
         for threads in self._compute, self._checks:
             threads.shutdown(cancel_futures=True)
 
