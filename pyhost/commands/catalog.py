@@ -196,7 +196,8 @@ def order(text: str) -> int | None:
 
 
 def clear(out: Path) -> None:
-    """Remove unfinished files of a killed run."""
-    for path in [*out.glob(".*"), *(found for name in FOLDERS for found in (out / name).glob(".*"))]:
-        if re.fullmatch(r"\..+\.[0-9a-f]{8}(\..+)?", path.name):
-            shutil.rmtree(path) if path.is_dir() else path.unlink()
+    """Remove unfinished files of a killed run, and nothing else that lies in ``out``."""
+    for folder, name in ((out, "(catalog|index)"), *((out / name, ".+") for name in FOLDERS)):
+        for path in folder.glob(".*"):
+            if re.fullmatch(rf"\.{name}\.[0-9a-f]{{8}}(\..+)?", path.name):
+                shutil.rmtree(path) if path.is_dir() else path.unlink()

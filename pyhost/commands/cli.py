@@ -349,10 +349,10 @@ def _display(text: str) -> tuple[str, int]:
     from ..viewer.display import check_display
 
     check_display()
-    host, _, port = text.rpartition(":")
+    host, _, number = text.rpartition(":")
     if not host:
         raise argparse.ArgumentTypeError(f"{text!r} is not HOST:PORT")
-    return host.strip("[]"), int(_number(int, port, lambda v: 1 <= v <= 65535, "a port from 1 to 65535"))
+    return host.strip("[]"), port(number)
 
 
 def write_images(args: argparse.Namespace, path: Path, pixels: np.ndarray) -> list[str]:
@@ -411,6 +411,11 @@ def _number(convert: type, text: str, accept: Callable[[float], bool], wanted: s
     if not (accept(value) and value < math.inf):
         raise argparse.ArgumentTypeError(f"{text} is not {wanted}")
     return value
+
+
+def port(text: str) -> int:
+    """Argument type: a TCP port, 0 included."""
+    return int(_number(int, text, lambda v: 0 <= v <= 65535, "a port from 0 to 65535"))
 
 
 def positive_int(text: str) -> int:

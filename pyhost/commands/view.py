@@ -20,7 +20,7 @@ def main() -> None:
     )
     parser.add_argument("maps", type=Path, nargs="*", metavar="MAP", help="environment maps: .exr, .hdr or .pfm")
     cli.map_options(parser)
-    parser.add_argument("--port", type=_port, default=0, metavar="N", help="port to listen on; 0 for any free port")
+    parser.add_argument("--port", type=cli.port, default=0, metavar="N", help="port to listen on; 0 for any free port")
     parser.add_argument(
         "--host",
         default="127.0.0.1",
@@ -54,8 +54,3 @@ def main() -> None:
     if not args.no_browser:
         webbrowser.open(server.url)
     server.wait()
-
-
-def _port(text: str) -> int:
-    """Argument type: a port number."""
-    return int(cli._number(int, text, lambda v: 0 <= v <= 65535, "a whole number from 0 to 65535"))

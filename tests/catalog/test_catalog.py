@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import LONG, stiff_radiance
+from lightdome.commands.catalog import clear
 from lightdome.errors import LightdomeError
 from lightdome.lighting.harmonics import project
 from lightdome.lighting.median_cut import median_cut
@@ -34,7 +35,7 @@ pytest.importorskip("distributed")
 pq = pytest.importorskip("pyarrow.parquet")
 
 from distributed import Client, LocalCluster  # noqa: E402
-from lightdome.catalog import table  # noqa: E402
+from lightdome.catalog import computing, table  # noqa: E402
 from lightdome.catalog.columns import columns, of_analysis  # noqa: E402
 from lightdome.catalog.computing import Run, rows  # noqa: E402
 from lightdome.catalog.journal import NAME, Journal  # noqa: E402
@@ -361,6 +362,32 @@ def open_or_die(file, *more, **options):
     return opened(file, *more, **options)
 io.open = open_or_die
 """
+
+
+def test_a_cluster_of_our_own_without_workers_gets_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(computing, "PATIENCE", 0.1)
+    monkeypatch.setattr(computing, "ALONE", 20.0)
+    with (
+        Journal(tmp_path, "key") as journal,
+        LocalCluster(n_workers=0, processes=False, dashboard_address=None) as cluster,
+        Client(cluster, set_as_default=False) as client,
+    ):
+        run = Run([], Options(), journal, tmp_path, LONG)
+        run.client = client
+        run._wait_for_worker()
+        assert len(client.nthreads()) == 1
+
+
+def test_only_unfinished_files_of_a_catalog_are_cleared(tmp_path: Path) -> None:
+    (tmp_path / "lights").mkdir()
+    (tmp_path / ".catalog.0123abcd.parquet").mkdir()
+    unfinished = [tmp_path / ".index.0123abcd.html", tmp_path / "lights" / ".sky.0123abcd.csv"]
+    others = [tmp_path / name for name in (".notes.0123abcd.txt", ".index.html", "index.0123abcd.html")]
+    for path in (*unfinished, *others):
+        path.touch()
+    clear(tmp_path)
+    assert sorted(path for path in tmp_path.rglob("*") if path.is_file()) == sorted(others)
+    assert not (tmp_path / ".catalog.0123abcd.parquet").exists()
 
 
 @slow

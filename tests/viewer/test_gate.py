@@ -59,6 +59,13 @@ def test_it_listens_on_this_machine_alone(server: Server) -> None:
         socket.create_connection(("127.0.0.2", server.port), 5)
 
 
+def test_a_server_closed_at_once_listens_no_more(device: Device, server: Server) -> None:
+    other = Server(device, [("small", "small.exr", server.engine.scenes[0].envmap)])
+    other.close()
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", other.port), 5)
+
+
 def test_the_page_and_its_files_are_served_with_the_token(server: Server) -> None:
     for name in FILES:
         status, body, headers = ask(server, f"/{server.token}/{name}")
