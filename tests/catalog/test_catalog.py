@@ -236,7 +236,7 @@ def test_the_table_is_the_same_for_any_number_of_workers(maps: Path, tmp_path: P
 def client() -> Iterator[Client]:
     """A client of a cluster in this process."""
     with (
-        LocalCluster(processes=False, n_workers=1, threads_per_worker=2, dashboard_address=None) as cluster,
+        LocalCluster(processes=False, n_workers=1, threads_per_worker=2, dashboard_address="127.0.0.1:0") as cluster,
         Client(cluster, set_as_default=False) as client,
     ):
         yield client
@@ -369,7 +369,7 @@ def test_a_cluster_of_our_own_without_workers_gets_one(tmp_path: Path, monkeypat
     monkeypatch.setattr(computing, "ALONE", 20.0)
     with (
         Journal(tmp_path, "key") as journal,
-        LocalCluster(n_workers=0, processes=False, dashboard_address=None) as cluster,
+        LocalCluster(n_workers=0, processes=False, dashboard_address="127.0.0.1:0") as cluster,
         Client(cluster, set_as_default=False) as client,
     ):
         run = Run([], Options(), journal, tmp_path, LONG)
