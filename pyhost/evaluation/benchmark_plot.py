@@ -104,7 +104,7 @@ def error_against_time(points: Sequence[MethodMeasurement], title: str) -> Figur
     for m in points:
         if m.rmse >= ROUNDING:
             groups.setdefault(_group(m), []).append(m)
-    ends = []
+    ends, lines = [], []
     for i, (group, of_group) in enumerate(groups.items()):
         best = min(of_group, key=lambda m: m.rmse**2 * m.wall_seconds).method
         line = _by_method(of_group)[best]
@@ -112,6 +112,7 @@ def error_against_time(points: Sequence[MethodMeasurement], title: str) -> Figur
         axes.plot(x, y, label=plotting.text(best), **_style(i, line[0]))
         if len(line) > 1:
             axes.annotate(str(line[0].count), (x[0], y[0]), (0, 6), textcoords="offset points", fontsize=7, ha="center")
+        lines.append((x, y))
         name = best if group in best else f"{group}: {best}"
         ends.append((x[-1], y[-1], plotting.text(f"{name}, {_counted(line[-1])}")))
     exact = [m for m in points if m.rmse < ROUNDING]
@@ -121,34 +122,47 @@ def error_against_time(points: Sequence[MethodMeasurement], title: str) -> Figur
         place = axes.get_xaxis_transform()
         axes.text(x_exact, 0.02, " exact image", transform=place, fontsize=9, color="0.35")
     axes.margins(x=0.12, y=0.08)
-    _label_ends(axes, ends)
+    _label_ends(axes, ends, lines)
     _label_decades(axes)
     return figure
 
 
-def _label_ends(axes: Axes, ends: Sequence[tuple[float, float, str]]) -> None:
-    """Names to the right of (x, y), moved up where they would overlap; the axes grow to hold them."""
+def _label_ends(
+    axes: Axes, ends: Sequence[tuple[float, float, str]], lines: Sequence[tuple[list[float], list[float]]]
+) -> None:
+    """Names to the right of (x, y), moved down or up where they would cover a line or each other.
+
+    The axes grow to hold them. Widths and heights of names are approximate fractions of the axes.
+    """
     (left, right), (low, high) = np.log(axes.get_xlim()), np.log(axes.get_ylim())
-    placed = [
-        (np.log(x), np.log(y), 0.03 + 0.0105 * len(name), name) for x, y, name in ends
-    ]  # approximate widths, as fractions of the axes
-    right = max([right, *(left + (x - left) / (1 - width) for x, _, width, _ in placed)])
+    widths = [0.03 + 0.0105 * len(name) for _, _, name in ends]
+    right = max(
+        [right, *(left + (np.log(x) - left) / (1 - width) for (x, _, _), width in zip(ends, widths, strict=True))]
+    )
     axes.set_xlim(np.exp(left), np.exp(right))
-    taken: list[tuple[float, float, float]] = []
-    for x, y, width, name in sorted(placed, key=lambda end: end[1]):
-        across, up = (x - left) / (right - left), (y - low) / (high - low)
-        for start, end, other in taken:
-            if across < end and start < across + width:
-                up = max(up, other + 0.045)
-        taken.append((across, across + width, up))
+
+    def place(x: Sequence[float] | float, y: Sequence[float] | float) -> tuple[np.ndarray, np.ndarray]:
+        return (np.log(x) - left) / (right - left), (np.log(y) - low) / (high - low)
+
+    drawn = [np.zeros((0, 2))]
+    for x, y in lines:
+        across, up = place(x, y)
+        along = np.linspace(0, len(across) - 1, 50 * len(across))
+        drawn.append(np.stack([np.interp(along, range(len(across)), of_line) for of_line in (across, up)], axis=1))
+    taken = np.concatenate(drawn)
+    for (x, y, name), width in sorted(zip(ends, widths, strict=True), key=lambda end: end[0][1]):
+        across, up = place(x, y)
+        near = taken[(taken[:, 0] > across + 0.01) & (taken[:, 0] < across + width), 1]
+        up = min(
+            (up + 0.015 * step for step in (0, -1, 1, -2, 2, -3, 3, -4, 4, 5, 6)),
+            key=lambda at: np.sum(np.abs(near - at) < 0.028),
+        )
         label = axes.annotate(
-            name,
-            (np.exp(x), np.exp(low + up * (high - low))),
-            (9, -3),
-            textcoords="offset points",
-            fontsize=9,
+            name, (x, np.exp(low + up * (high - low))), (9, -3), textcoords="offset points", fontsize=9
         )
         label.set_path_effects([withStroke(linewidth=3, foreground="white")])
+        of_name = np.linspace(across, across + width, 50)
+        taken = np.concatenate([taken, np.stack([of_name, np.full(50, up)], axis=1)])
 
 
 def _family(point: MethodMeasurement) -> str:
@@ -255,6 +269,8 @@ def error_against_count(points: Sequence[MethodMeasurement], title: str) -> Figu
                 capsize=2,
                 **_style(i, line[0]),
             )
+    for axes in figure.axes[:1]:  # all share its scale
+        axes.set_ylim(top=8 * axes.get_ylim()[1])  # room for the legends above the lines
     return figure
 
 
