@@ -66,6 +66,15 @@ def file_system(url: str, seconds: float) -> tuple[Any, str]:
     return files, path
 
 
+def reason(error: Exception) -> str:
+    """What a file system's error says, in one line without secrets."""
+    # fsspec says "not found" for whatever the server said.
+    cause = (isinstance(error, FileNotFoundError) and error.__cause__) or error
+    return without_secrets(
+        str(cause) if isinstance(cause, LightdomeError) else f"{type(cause).__name__}: {one_line(cause)}"
+    )
+
+
 class _Limit(fsspec.Callback):  # type: ignore[misc] # fsspec has no types
     """Ends the transfer of a file that is larger than ``most`` bytes."""
 
@@ -113,6 +122,4 @@ class Remote:
             yield path
 
     def _error(self, error: Exception) -> LightdomeError:
-        cause = error.__cause__ or error  # fsspec says only "not found", whatever the server said
-        why = str(cause) if isinstance(cause, LightdomeError) else f"{type(cause).__name__}: {one_line(cause)}"
-        return LightdomeError(f"cannot read {name_of(self.url)}: {without_secrets(why)}")
+        return LightdomeError(f"cannot read {name_of(self.url)}: {reason(error)}")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..errors import LightdomeError, one_line
 from ..maps.images import READABLE
-from .remote import file_system, is_http, is_url, name_of, without_secrets
+from .remote import file_system, is_http, is_url, name_of, reason
 
 DEEPEST = 16  # folders below an HTTP URL
 
@@ -73,10 +73,11 @@ def _remote(url: str, seconds: float) -> Iterator[str]:
         elif _is_map(plain):
             matches = [root]
         else:
+            files.ls(root, detail=False)  # find() hides why a folder cannot be listed
             matches = [name for name in files.find(root, **deepest) if _is_map(name)]
         yield from (files.unstrip_protocol(name) for name in matches)
     except Exception as error:  # each file system raises its own kinds
-        raise LightdomeError(f"cannot list {name_of(url)}: {without_secrets(one_line(error))}") from error
+        raise LightdomeError(f"cannot list {name_of(url)}: {reason(error)}") from error
 
 
 def _is_map(name: str) -> bool:

@@ -10,11 +10,8 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
 import time
-from collections.abc import Iterator
 from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +22,7 @@ from lightdome.commands.catalog import clear
 from lightdome.errors import LightdomeError
 from lightdome.lighting.harmonics import project
 from lightdome.lighting.median_cut import median_cut
-from lightdome.maps import analyse, convert
+from lightdome.maps import analyse
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import ImageRows, write_image
 from lightdome.opencl.device import Device
@@ -44,24 +41,6 @@ from lightdome.catalog.row import Options, Row, averaged, fill, read  # noqa: E4
 from lightdome.catalog.sources import find  # noqa: E402
 
 slow = pytest.mark.slow
-
-
-@pytest.fixture
-def maps(tmp_path: Path) -> Path:
-    """Maps of several kinds, two of them damaged."""
-    folder = tmp_path / "maps"
-    (folder / "below").mkdir(parents=True)
-    for n in range(6):
-        write_image(folder / f"m{n}.{'exr' if n % 2 else 'pfm'}", stiff_radiance(8, 16, n))
-    write_image(folder / "below" / "probe.exr", convert(stiff_radiance(32, 64), "latlong", "angular", 32))
-    write_image(folder / "black.pfm", np.zeros((8, 16, 3), np.float32))
-    bad = stiff_radiance(8, 16)
-    bad[3, 4], bad[5, 6] = np.nan, np.inf
-    write_image(folder / "nan.exr", bad)
-    (folder / "cut.exr").write_bytes((folder / "m1.exr").read_bytes()[:200])
-    (folder / ".hidden.exr").write_bytes(b"")
-    (folder / "none.hdr").write_bytes(b"#?")
-    return folder
 
 
 def catalog(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -232,17 +211,7 @@ def test_the_table_is_the_same_for_any_number_of_workers(maps: Path, tmp_path: P
     assert json.loads(of_csv["m3.exr"]["lights"]) == by_name["m3.exr"]["lights"]
 
 
-@pytest.fixture(scope="module")
-def client() -> Iterator[Client]:
-    """A client of a cluster in this process."""
-    with (
-        LocalCluster(processes=False, n_workers=1, threads_per_worker=2, dashboard_address="127.0.0.1:0") as cluster,
-        Client(cluster, set_as_default=False) as client,
-    ):
-        yield client
-
-
-def run_here(client: Client, maps: Path, out: Path, options: Options) -> tuple[int, dict[str, dict[str, Any]]]:
+def computed_here(client: Client, maps: Path, out: Path, options: Options) -> tuple[int, dict[str, dict[str, Any]]]:
     """How many rows were computed, and all rows by file name of the map."""
     sources = find([str(maps)])
     out.mkdir(exist_ok=True)
@@ -256,51 +225,19 @@ def run_here(client: Client, maps: Path, out: Path, options: Options) -> tuple[i
 @pytest.mark.slow
 def test_a_second_run_computes_what_is_new_changed_or_failed(client: Client, maps: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    computed, before = run_here(client, maps, out, Options())
+    computed, before = computed_here(client, maps, out, Options())
     assert computed == len(before) == 11
-    assert run_here(client, maps, out, Options())[0] == 2  # the damaged ones
+    assert computed_here(client, maps, out, Options())[0] == 2  # the damaged ones
     (maps / "m0.pfm").touch()  # hashed, not computed
     shutil.copy(maps / "m1.exr", maps / "copy.exr")
     shutil.copy(maps / "m1.exr", maps / "cut.exr")
     write_image(maps / "m2.pfm", stiff_radiance(8, 16, 99))
-    computed, after = run_here(client, maps, out, Options())
+    computed, after = computed_here(client, maps, out, Options())
     assert (computed, len(after)) == (2, 12)
     assert {**after["copy.exr"], "path": 0} == {**after["m1.exr"], "path": 0} == {**after["cut.exr"], "path": 0}
     assert after["m0.pfm"] == before["m0.pfm"]  # even the times
     assert after["m2.pfm"]["sha256"] != before["m2.pfm"]["sha256"]
-    assert run_here(client, maps, out, Options(lights=2))[0] >= 10  # of 12, three of them equal
-
-
-@slow
-def test_urls_are_read_over_a_loopback_server(maps: Path, tmp_path: Path) -> None:
-    pytest.importorskip("aiohttp")
-
-    class Quiet(SimpleHTTPRequestHandler):
-        def log_message(self, *_: object) -> None:
-            pass
-
-    with ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(maps))) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        base = f"http://127.0.0.1:{server.server_port}"
-        result = catalog(f"{base}/m1.exr", f"{base}/cut.exr", "--out", tmp_path / "out", "--workers", 1)
-        server.shutdown()
-    assert result.returncode == 0, result.stderr
-    cut, done = rows_of(tmp_path / "out")
-    assert (cut["status"], done["status"]) == ("failed", "done")
-    assert cut["error"].startswith(f"{base}/cut.exr")
-
-
-def test_file_urls_are_read_too(client: Client, maps: Path, tmp_path: Path) -> None:
-    options = Options(lights=2, harmonics=None)
-    out = tmp_path / "out"
-    out.mkdir()
-    sources = find([f"file://{maps}/below", str(maps / "below")])
-    with Journal(out, options.key) as journal:
-        Run(sources, options, journal, out, LONG)(client)
-        first, second = rows(journal, sources)
-    assert first["path"].startswith("/")
-    assert first["lights"] == second["lights"]
-    assert first["sha256"] == second["sha256"]
+    assert computed_here(client, maps, out, Options(lights=2))[0] >= 10  # of 12, three of them equal
 
 
 def page_of(path: Path, count: int) -> None:
