@@ -63,7 +63,8 @@ class Place:
 @contextmanager
 def connected(place: Place, folder: str) -> Iterator[Client]:
     """A client. Local workers write to ``folder``. Raises :class:`LightdomeError` if there is no cluster."""
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # this program reports a lost cluster itself
+    for name in ("distributed.client", "tornado.application"):  # this program reports lost clusters and workers itself
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     with ExitStack() as stack:
         address = _address(place)
         try:
@@ -102,7 +103,7 @@ def _local(place: Place, folder: str) -> Iterator[LocalCluster]:
     with (
         dask.config.set(LOCAL),
         LocalCluster(
-            n_workers=place.workers,
+            n_workers=0,
             threads_per_worker=THREADS,
             host="127.0.0.1",
             dashboard_address="127.0.0.1:0",
@@ -113,4 +114,5 @@ def _local(place: Place, folder: str) -> Iterator[LocalCluster]:
             env=opencl_threads(place.threads),
         ) as cluster,
     ):
+        cluster.scale(place.workers)  # unlike the constructor, it goes on without a worker that dies while it starts
         yield cluster

@@ -30,6 +30,7 @@ POLL = 1.0  # seconds between checks of the cluster
 PATIENCE = 10.0  # seconds without any worker before our own cluster gets another one
 ALONE = 60.0  # seconds without any worker before the run ends
 GO_ON = "run the same command again to resume"
+NO_WORKER = f"the Dask scheduler has had no worker for {{:.0f}} s; start one, then {GO_ON}"
 MOST_KNOWN = 100  # at most so many known contents of the same size are compared with a map's
 
 
@@ -73,6 +74,7 @@ class Run:
 
     def _compute(self, client: Client) -> None:
         self.client, waiting = client, self.waiting
+        self._wait_for_worker()
         begin = time.monotonic()
         with Progress("maps") as progress:
             while waiting or self._flying or self._suspects:
@@ -169,7 +171,11 @@ class Run:
         except TimeoutError:
             if isinstance(self.client.cluster, LocalCluster):
                 self.client.cluster.scale(len(self.client.cluster.worker_spec) + 1)
-            self.client.wait_for_workers(1, timeout=ALONE)
+            try:
+                self.client.wait_for_workers(1, timeout=ALONE)
+            except TimeoutError as error:
+                raise LightdomeError(NO_WORKER.format(ALONE)) from error
+        self._last_worker = time.monotonic()
 
     def _look(self) -> None:
         """Check that the cluster is still there, and count its threads."""
@@ -183,7 +189,7 @@ class Run:
         if threads:
             self._last_worker = now
         elif now - self._last_worker > ALONE:
-            raise LightdomeError(f"the Dask scheduler has had no worker for {ALONE:.0f} s; start one, then {GO_ON}")
+            raise LightdomeError(NO_WORKER.format(ALONE))
         self._most = max(AHEAD, AHEAD * threads)
 
 
