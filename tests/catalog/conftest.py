@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,8 +17,10 @@ if TYPE_CHECKING:
     from distributed import Client
 
 
-def write_maps(folder: Path) -> None:
-    """Maps of several kinds, two of them damaged."""
+@pytest.fixture(scope="session")
+def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Maps of several kinds, two of them damaged. Tests that change them use ``maps``."""
+    folder = tmp_path_factory.mktemp("library") / "maps"
     (folder / "below").mkdir(parents=True)
     for n in range(6):
         write_image(folder / f"m{n}.{'exr' if n % 2 else 'pfm'}", stiff_radiance(8, 16, n))
@@ -29,13 +32,13 @@ def write_maps(folder: Path) -> None:
     (folder / "cut.exr").write_bytes((folder / "m1.exr").read_bytes()[:200])
     (folder / ".hidden.exr").write_bytes(b"")
     (folder / "none.hdr").write_bytes(b"#?")
+    return folder
 
 
 @pytest.fixture
-def maps(tmp_path: Path) -> Path:
-    """Maps of several kinds, two of them damaged."""
-    write_maps(tmp_path / "maps")
-    return tmp_path / "maps"
+def maps(library: Path, tmp_path: Path) -> Path:
+    """A copy of ``library``."""
+    return shutil.copytree(library, tmp_path / "maps")
 
 
 @pytest.fixture(scope="session")
