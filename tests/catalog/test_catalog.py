@@ -42,7 +42,6 @@ from lightdome.catalog.sources import find  # noqa: E402
 
 slow = pytest.mark.slow
 EVERYTHING = Options(samples=8, light_format="csv", thumbnails=True)
-AS_OPTIONS = ("--thumbnails", "--light-files", "csv", "--samples", 8)
 
 
 def catalog(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -50,11 +49,6 @@ def catalog(*arguments: object, **environment: str) -> subprocess.CompletedProce
     return subprocess.run(
         command, capture_output=True, text=True, timeout=LONG, env={**os.environ, **environment}, check=False
     )
-
-
-def rows_of(out: Path) -> list[dict[str, Any]]:
-    """The rows of the table, without times."""
-    return [without_times(row) for row in pq.read_table(out / "catalog.parquet").to_pylist()]
 
 
 def filled(device: Device, path: Path, options: Options) -> Row:
@@ -186,49 +180,6 @@ def test_large_tables_are_partitioned(tmp_path: Path, monkeypatch: pytest.Monkey
     assert json.loads(pq.read_schema(path).metadata[b"units"])["size_bytes"] == "byte"
 
 
-def without_times(row: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in row.items() if not name.startswith("seconds_")}
-
-
-@pytest.fixture(scope="module")
-def expected(client: Client, library: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
-    """The rows of ``library`` by file name, without paths and times, from one worker with all OpenCL threads."""
-    computed, found = computed_here(client, library, tmp_path_factory.mktemp("expected") / "out", EVERYTHING)
-    assert computed == len(found) == 11
-    return {name: {**without_times(row), "path": None} for name, row in found.items()}
-
-
-@slow
-def test_the_table_is_the_same_for_any_number_of_workers(
-    library: Path, expected: dict[str, dict[str, Any]], tmp_path: Path
-) -> None:
-    out = tmp_path / "out"
-    result = catalog(library, "--out", out, "--workers", 4, *AS_OPTIONS)
-    assert result.returncode == 0, result.stderr
-    assert "11 maps: 11 computed, 0 already known, 2 failed" in result.stdout
-    by_name = {Path(row["path"]).name: row for row in rows_of(out)}
-    assert_equal(by_name, expected)
-    assert [name for name, row in by_name.items() if row["status"] == "failed"] == ["cut.exr", "none.hdr"]
-    assert "cut.exr" in by_name["cut.exr"]["error"]
-    assert by_name["probe.exr"]["projection"] == "angular, resampled to latlong"
-    assert by_name["black.pfm"]["lights"] is None
-    for kind, folder in {"lights": "lights", "samples": "samples", "thumbnail": "thumbnails"}.items():
-        assert (out / by_name["m0.pfm"][f"{kind}_file"]).parent == out / folder
-        assert (out / by_name["m0.pfm"][f"{kind}_file"]).stat().st_size > 50
-    with (out / "catalog.csv").open(newline="") as file:
-        of_csv = {Path(row["path"]).name: row for row in csv.DictReader(file)}
-    assert float(of_csv["m3.exr"]["harmonics_8_blue"]) == by_name["m3.exr"]["harmonics_8_blue"]
-    assert json.loads(of_csv["m3.exr"]["lights"]) == by_name["m3.exr"]["lights"]
-
-
-def assert_equal(by_name: dict[str, dict[str, Any]], expected: dict[str, dict[str, Any]]) -> None:
-    """The done rows of a table are, bit for bit, those expected."""
-    done = {name: row for name, row in expected.items() if row["status"] == "done"}
-    found = {name: {**by_name[name], "path": None} for name in done}
-    # A row of the journal has no columns for what is missing; a row of the table has None.
-    assert {name: {**dict.fromkeys(row), **done[name]} for name, row in found.items()} == found
-
-
 def computed_here(client: Client, maps: Path, out: Path, options: Options) -> tuple[int, dict[str, dict[str, Any]]]:
     """How many rows were computed, and all rows by file name of the map."""
     sources = find([str(maps)])
@@ -238,6 +189,60 @@ def computed_here(client: Client, maps: Path, out: Path, options: Options) -> tu
         if run.waiting:
             run(client)
         return run.total - run.known, {Path(row["path"]).name: row for row in rows(journal, sources)}
+
+
+# With this code, a process that opens deadly.exr dies.
+DEADLY = """
+import ctypes, io
+opened = io.open
+def open_or_die(file, *more, **options):
+    if str(file).endswith("deadly.exr"):
+        ctypes.string_at(0)
+    return opened(file, *more, **options)
+io.open = open_or_die
+"""
+
+
+@slow
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_the_table_is_the_same_for_four_workers_and_maps_that_kill_or_hang_them(
+    client: Client, library: Path, maps: Path, tmp_path: Path
+) -> None:
+    """Maps that end their worker are named and skipped; the others have the rows that one worker computes alone."""
+    (tmp_path / "code").mkdir()
+    (tmp_path / "code" / "sitecustomize.py").write_text(DEADLY)
+    (maps / "deadly.exr").write_bytes(b"")
+    os.mkfifo(maps / "hanging.exr")  # a pipe that nobody writes to
+    path, out = os.pathsep.join(filter(None, [str(tmp_path / "code"), os.environ.get("PYTHONPATH")])), tmp_path / "out"
+    result = catalog(
+        maps, "--out", out, "--workers", 4, "--timeout", 3, "--thumbnails", "--light-files", "csv", "--samples", 8,
+        PYTHONPATH=path,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    assert "13 maps: 13 computed, 0 already known, 4 failed" in result.stdout
+    found = {Path(row["path"]).name: row for row in pq.read_table(out / "catalog.parquet").to_pylist()}
+    assert {name for name, row in found.items() if row["status"] == "failed"} == {
+        "cut.exr", "none.hdr", "deadly.exr", "hanging.exr",
+    }  # fmt: skip
+    assert found["deadly.exr"]["error"] == "its worker process died, twice: skipped"
+    assert found["hanging.exr"]["error"] == "it took more than 3 s, twice: skipped"
+    assert "cut.exr" in found["cut.exr"]["error"]
+
+    _, expected = computed_here(client, library, tmp_path / "expected", EVERYTHING)
+    for name, row in expected.items():
+        if row["status"] == "done":
+            same = [key for key in row if key != "path" and not key.startswith("seconds_")]
+            assert {key: found[name][key] for key in same} == {key: row[key] for key in same}
+
+    assert found["probe.exr"]["projection"] == "angular, resampled to latlong"
+    assert found["black.pfm"]["lights"] is None
+    for kind, folder in {"lights": "lights", "samples": "samples", "thumbnail": "thumbnails"}.items():
+        assert (out / found["m0.pfm"][f"{kind}_file"]).parent == out / folder
+        assert (out / found["m0.pfm"][f"{kind}_file"]).stat().st_size > 50
+    with (out / "catalog.csv").open(newline="") as file:
+        of_csv = {Path(row["path"]).name: row for row in csv.DictReader(file)}
+    assert float(of_csv["m3.exr"]["harmonics_8_blue"]) == found["m3.exr"]["harmonics_8_blue"]
+    assert json.loads(of_csv["m3.exr"]["lights"]) == found["m3.exr"]["lights"]
 
 
 @pytest.mark.slow
@@ -307,18 +312,6 @@ def test_the_page_sorts_and_filters_ten_thousand_rows_in_a_browser(tmp_path: Pat
         assert not errors
 
 
-# With this code, a process that opens deadly.exr dies.
-DEADLY = """
-import ctypes, io
-opened = io.open
-def open_or_die(file, *more, **options):
-    if str(file).endswith("deadly.exr"):
-        ctypes.string_at(0)
-    return opened(file, *more, **options)
-io.open = open_or_die
-"""
-
-
 def test_a_cluster_of_our_own_without_workers_gets_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(computing, "PATIENCE", 0.1)
     monkeypatch.setattr(computing, "ALONE", 20.0)
@@ -343,26 +336,6 @@ def test_only_unfinished_files_of_a_catalog_are_cleared(tmp_path: Path) -> None:
     clear(tmp_path)
     assert sorted(path for path in tmp_path.rglob("*") if path.is_file()) == sorted(others)
     assert not (tmp_path / ".catalog.0123abcd.parquet").exists()
-
-
-@slow
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
-def test_maps_that_kill_or_hang_their_worker_are_named_and_skipped(
-    maps: Path, expected: dict[str, dict[str, Any]], tmp_path: Path
-) -> None:
-    """The rows of all other maps are those of a run in which nothing happens."""
-    (tmp_path / "code").mkdir()
-    (tmp_path / "code" / "sitecustomize.py").write_text(DEADLY)
-    (maps / "deadly.exr").write_bytes(b"")
-    os.mkfifo(maps / "hanging.exr")  # a pipe that nobody writes to
-    path = os.pathsep.join(filter(None, [str(tmp_path / "code"), os.environ.get("PYTHONPATH")]))
-    result = catalog(maps, "--out", tmp_path / "out", "--workers", 2, *AS_OPTIONS, "--timeout", 3, PYTHONPATH=path)
-    assert result.returncode == 0, result.stderr
-    assert "13 maps: 13 computed, 0 already known, 4 failed" in result.stdout
-    by_name = {Path(row["path"]).name: row for row in rows_of(tmp_path / "out")}
-    assert by_name["deadly.exr"]["error"] == "its worker process died, twice: skipped"
-    assert by_name["hanging.exr"]["error"] == "it took more than 3 s, twice: skipped"
-    assert_equal(by_name, expected)
 
 
 @slow
