@@ -10,6 +10,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from functools import partial
 from pathlib import Path
@@ -32,12 +33,13 @@ pytest.importorskip("distributed")
 pq = pytest.importorskip("pyarrow.parquet")
 
 from distributed import Client, LocalCluster  # noqa: E402
-from lightdome.catalog import computing, table  # noqa: E402
+from lightdome.catalog import computing, table, worker  # noqa: E402
+from lightdome.catalog import row as row_module  # noqa: E402
 from lightdome.catalog.columns import columns, of_analysis  # noqa: E402
 from lightdome.catalog.computing import Run, rows  # noqa: E402
 from lightdome.catalog.journal import NAME, Journal  # noqa: E402
 from lightdome.catalog.page import write_page  # noqa: E402
-from lightdome.catalog.row import Options, Row, averaged, fill, read  # noqa: E402
+from lightdome.catalog.row import Options, ReadMap, Row, averaged, fill, read  # noqa: E402
 from lightdome.catalog.sources import find  # noqa: E402
 
 slow = pytest.mark.slow
@@ -129,6 +131,10 @@ def test_sources_are_folders_files_globs_and_lists(maps: Path, tmp_path: Path) -
         + [f"m{n}.{'exr' if n % 2 else 'pfm'}" for n in range(6)]
     )
     assert list(find([f"{maps}/m?.pfm", str(maps / "m0.pfm")])) == [str(maps / f"m{n}.pfm") for n in (0, 2, 4)]
+    (tmp_path / "more").mkdir()
+    (tmp_path / "more" / "link.exr").symlink_to(maps / "m1.exr")
+    (tmp_path / "more" / "folder").symlink_to(maps)
+    assert list(find([str(tmp_path / "more")])) == [str(tmp_path / "more" / "link.exr")]
     (tmp_path / "list.txt").write_text("maps/m1.exr\n\nmaps/below\n")
     assert list(find([str(tmp_path / "list.txt")])) == [str(maps / "below" / "probe.exr"), str(maps / "m1.exr")]
     assert list(find([f"file://{maps}/below"])) == [f"file://{maps}/below/probe.exr"]
@@ -219,6 +225,7 @@ def test_the_table_is_the_same_for_four_workers_and_maps_that_kill_or_hang_them(
         PYTHONPATH=path,
     )  # fmt: skip
     assert result.returncode == 0, result.stderr
+    assert "Dask's dashboard: http://127.0.0.1:" in result.stdout
     assert "13 maps: 13 computed, 0 already known, 4 failed" in result.stdout
     found = {Path(row["path"]).name: row for row in pq.read_table(out / "catalog.parquet").to_pylist()}
     assert {name for name, row in found.items() if row["status"] == "failed"} == {
@@ -249,6 +256,7 @@ def test_the_table_is_the_same_for_four_workers_and_maps_that_kill_or_hang_them(
 def test_a_second_run_computes_what_is_new_changed_or_failed(client: Client, maps: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     computed, before = computed_here(client, maps, out, Options())
+    assert worker._device.cache_info().misses == 1  # the device is opened once
     assert computed == len(before) == 11
     assert computed_here(client, maps, out, Options())[0] == 2  # the damaged ones
     (maps / "m0.pfm").touch()  # hashed, not computed
@@ -310,6 +318,38 @@ def test_the_page_sorts_and_filters_ten_thousand_rows_in_a_browser(tmp_path: Pat
         window.evaluate("document.getElementById('view').scrollTop = 1e9")
         window.wait_for_function("document.querySelector('#body .row:last-child').ariaRowIndex === '10001'")
         assert not errors
+
+
+def test_the_next_map_is_read_while_one_is_computed(
+    client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reads, is_next_read = [], threading.Event()
+
+    def reading(path: Path, memory: int) -> ReadMap:
+        reads.append(path)
+        if len(reads) == 2:
+            is_next_read.set()
+        return read(path, memory)
+
+    def filling(*of: Any) -> None:
+        assert is_next_read.wait(20)
+        fill(*of)
+
+    (tmp_path / "maps").mkdir()
+    for n in range(2):
+        write_image(tmp_path / "maps" / f"m{n}.pfm", stiff_radiance(8, 16, n))
+    monkeypatch.setattr(worker, "read", reading)
+    monkeypatch.setattr(worker, "fill", filling)
+    _, found = computed_here(client, tmp_path / "maps", tmp_path / "out", Options(harmonics=None))
+    assert [row["error"] for row in found.values()] == [None, None]
+
+
+def test_a_row_belongs_to_one_version_and_its_options(monkeypatch: pytest.MonkeyPatch) -> None:
+    key = Options().key
+    assert Options(lights=2).key != key != Options(memory=1).key
+    monkeypatch.setattr(row_module, "__version__", "another")
+    assert Options().key != key
+    assert "a different version" in worker.work("map.exr", Options(), key, [], None, LONG).values["error"]
 
 
 def test_a_cluster_of_our_own_without_workers_gets_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

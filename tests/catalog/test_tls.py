@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -110,7 +111,10 @@ def test_a_scheduler_file_that_does_not_appear_is_given_up(
         assert "cannot read the scheduler file" in result.stderr
 
 
-def test_our_own_cluster_uses_tls_too(ours: Certificates, tmp_path: Path) -> None:
-    with connected(Place(1, 1, 1 << 30, tls=ours), str(tmp_path)) as client:
+def test_our_own_cluster_uses_tls_too_on_loopback_and_the_threads_that_it_may(
+    ours: Certificates, tmp_path: Path
+) -> None:
+    with connected(Place(workers=1, threads=3, memory=1 << 30, tls=ours), str(tmp_path)) as client:
         assert client.scheduler.address.startswith("tls://127.0.0.1:")
-        assert client.submit(sum, [3, 4]).result() == 7
+        assert client.dashboard_link.startswith("http://127.0.0.1:")
+        assert client.submit(os.getenv, "POCL_MAX_PTHREAD_COUNT").result() == "3"
