@@ -3110,6 +3110,22 @@ FAULTS: list[Fault] = [
         ("test_catalog.py",),
     ),
     host(
+        "a catalog shows the passwords of URLs",
+        "remote.py",
+        "without_secrets(address) + (",
+        "address + (",
+        "a password that goes around with a table",
+        ("test_urls.py",),
+    ),
+    host(
+        "a catalog takes a URL that changed for known",
+        "worker.py",
+        "version == row.version",
+        "True",
+        "a table of old maps",
+        ("test_urls.py",),
+    ),
+    host(
         "averaged maps lose their solid angles",
         "row.py",
         "dtype=np.float64) * weight[rows, None, None]",
