@@ -70,9 +70,10 @@ def reason(error: Exception) -> str:
     """What a file system's error says, in one line without secrets."""
     # fsspec says "not found" for whatever the server said.
     cause = (isinstance(error, FileNotFoundError) and error.__cause__) or error
-    return without_secrets(
-        str(cause) if isinstance(cause, LightdomeError) else f"{type(cause).__name__}: {one_line(cause)}"
-    )
+    if isinstance(cause, LightdomeError):
+        return str(cause)
+    # In this order: a URL that is cut short may have lost the sign that ends its password.
+    return f"{type(cause).__name__}: {one_line(without_secrets(str(cause)))}"
 
 
 class _Limit(fsspec.Callback):  # type: ignore[misc] # fsspec has no types

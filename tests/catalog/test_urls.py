@@ -28,7 +28,7 @@ from lightdome.catalog.columns import columns
 from lightdome.catalog.computing import Run, rows
 from lightdome.catalog.journal import Journal
 from lightdome.catalog.page import write_page
-from lightdome.catalog.remote import Remote, name_of, without_secrets
+from lightdome.catalog.remote import Remote, name_of, reason, without_secrets
 from lightdome.catalog.row import Options
 from lightdome.catalog.sources import DEEPEST, find
 from lightdome.catalog.table import write_csv, write_parquet
@@ -241,6 +241,7 @@ def test_secrets_in_a_url_are_used_and_never_written(
 def test_messages_lose_only_secrets() -> None:
     text = "ClientError: 404, url='https://joe:x@y@host:80/a@b.exr?token=1', see /home/joe@work/m.exr?"
     assert without_secrets(text) == "ClientError: 404, url='https://host:80/a@b.exr?...', see /home/joe@work/m.exr?"
+    assert "cret" not in reason(ValueError("x" * 180 + f" http://{PASSWORD}@host/"))
     assert name_of("/home/joe@work/what?.exr") == "/home/joe@work/what?.exr"
 
 
