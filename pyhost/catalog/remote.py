@@ -92,7 +92,7 @@ class _Limit(fsspec.Callback):  # type: ignore[misc] # fsspec has no types
 
     def _check(self, size: int) -> None:
         if size > self.most:
-            raise LightdomeError(f"the file is larger than {self.most} bytes; raise --limit-memory")
+            raise LightdomeError(f"the file is larger than {self.most / 1e6:.0f} MB; raise --limit-memory")
 
 
 class Remote:

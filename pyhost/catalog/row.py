@@ -49,7 +49,7 @@ class Options:
     - ``samples``: number of samples in a file per map, 0 for no file
     - ``light_format``: format of a file of lights per map, None for no file; ``thumbnails``: whether to make pictures
     - ``device``: as :func:`lightdome.open_device` takes it
-    - ``memory``: bytes that a worker may use; larger maps are read in bands
+    - ``memory``: bytes for the maps in a worker, and of a file from a URL; larger maps are read in bands
     """
 
     lights: int = 16
@@ -58,7 +58,7 @@ class Options:
     light_format: str | None = None
     thumbnails: bool = False
     device: str | None = None
-    memory: int = 4 << 30
+    memory: int = 3_300_000_000
 
     @property
     def key(self) -> str:

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from ..catalog.computing import Run
 
 MOST = 2**22  # lights or samples of a map
+WORKER = 300_000_000  # bytes of a worker without a map; Dask ends one that takes nearly all that it may
+LEAST = 1_000_000_000  # reading in bands takes 400 MB
 FOLDERS = ("lights", "samples", "thumbnails")
 
 
@@ -115,7 +117,11 @@ def catalog(args: argparse.Namespace) -> None:
     try:
         memory = int(parse_bytes(args.limit_memory))
     except ValueError as error:
-        raise LightdomeError(f"--limit-memory must be a size such as 4GB or 800MiB, got {args.limit_memory}") from error
+        raise LightdomeError(
+            f"--limit-memory must be a size such as 4GB or 2GiB, got {args.limit_memory}"
+        ) from error
+    if memory < LEAST:
+        raise LightdomeError(f"--limit-memory must be at least 1GB, got {args.limit_memory}")
     options = Options(
         lights=args.lights,
         harmonics=args.harmonics,
@@ -123,7 +129,7 @@ def catalog(args: argparse.Namespace) -> None:
         light_format=args.light_files,
         thumbnails=args.thumbnails,
         device=args.device,
-        memory=memory,
+        memory=memory * 9 // 10 - WORKER,
     )
     for path in args.tls or ():
         if not path.is_file():

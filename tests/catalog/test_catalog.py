@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import LONG, stiff_radiance
+from helpers import LONG, Script, stiff_radiance
 from lightdome.commands.catalog import clear
 from lightdome.errors import LightdomeError
 from lightdome.lighting.harmonics import project
@@ -350,6 +350,13 @@ def test_a_row_belongs_to_one_version_and_its_options(monkeypatch: pytest.Monkey
     monkeypatch.setattr(row_module, "__version__", "another")
     assert Options().key != key
     assert "a different version" in worker.work("map.exr", Options(), key, [], None, LONG).values["error"]
+
+
+def test_memory_in_which_no_worker_lives_is_refused(run_here: Script, library: Path, tmp_path: Path) -> None:
+    for limit, words in (("300MB", "at least 1GB"), ("much", "must be a size such as")):
+        result = run_here("catalog", library, "--out", tmp_path / "out", "--limit-memory", limit)
+        assert (result.returncode, result.stderr.count("\n")) == (1, 1)
+        assert words in result.stderr
 
 
 def test_a_cluster_of_our_own_without_workers_gets_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

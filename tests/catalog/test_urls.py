@@ -171,8 +171,8 @@ def test_each_url_costs_one_row_however_its_server_behaves(client: Client, serve
     bad = {
         "none": "404",
         "truncated": "payload is not completed",
-        "huge": "larger than 1048576 bytes; raise --limit-memory",
-        "endless": "larger than 1048576 bytes; raise --limit-memory",
+        "huge": "larger than 1 MB; raise --limit-memory",
+        "endless": "larger than 1 MB; raise --limit-memory",
         "local": "file:///",
         "circle": "TooManyRedirects",
     }
