@@ -9,10 +9,8 @@ independent directions is 1 / N times (Veach 1997, 9.2.1)
 where E_light, the integral of f p_light / p, is the mean over directions sampled by the light, and E_bsdf, the integral
 of f p_bsdf / p, that over directions sampled by the cosine; a E_light + b E_bsdf is the image. All of them are means
 over samples of the light, whose terms are bounded, and take well under a millisecond. ``mis`` uses the share with the
-least sum over some normals.
-
-The variance does not know that sequences are at their best with equal numbers of both. So another share than 1 / 2 must
-lower it by a margin.
+least sum over some normals. But the variance knows nothing of sequences, which are at their best with equal numbers, so
+another share than 1 / 2 must lower it by a margin.
 """
 
 from __future__ import annotations

@@ -80,11 +80,11 @@ def render(
       ``product``; or anywhere in the ``pixel``, uniform over its solid angle, where those of ``bsdf`` and ``mis``
       always lie
 
-    An image with more samples continues one with fewer, so all of them together cost as much as the last; with ``mis``
-    only where both have the same part of light samples, as all even numbers do by default. A black map gives a black
-    image. Raises :class:`LightdomeError` for a resolution or a number of samples out of range, for an albedo that is
-    negative or not finite, for unknown names, for compensation or a share without ``mis``, for a share that is not
-    between 0 and 1, and for centres with ``bsdf`` or ``mis``.
+    An image with more samples continues one with fewer, so all of them together cost as much as the last. With ``mis``
+    this holds only where both have the same part of light samples, as all multiples of four do by default. A black map
+    gives a black image. Raises :class:`LightdomeError` for a resolution or a number of samples out of range, for an
+    albedo that is negative or not finite, for unknown names, for compensation or a share without ``mis``, for a share
+    that is not between 0 and 1, and for centres with ``bsdf`` or ``mis``.
     """
     checks.instance("the distribution", distribution, Distribution)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
