@@ -4,7 +4,8 @@ There are four estimators, all unbiased. One sample per pixel means:
 
 - ``light``: a direction sampled by the light: the least work, but about half of the directions lie below the horizon
 - ``bsdf``: a direction sampled by the cosine: good only if the light is much the same from everywhere
-- ``mis``: one of each, weighted by the power heuristic: never much worse than the better of the two
+- ``mis``: two directions, sampled by the light and by the cosine, in parts that suit the map, and weighted by the
+  balance heuristic: never much worse than the better of the two
 - ``product``: a direction sampled by light times cosine, approximately: by far the least noise. Its tables take a few
   milliseconds to build, and it is for diffuse surfaces only
 
@@ -39,6 +40,7 @@ from ..progress import Progress
 from ..sampling.cdf import build_cdf
 from ..sampling.distribution import Distribution
 from ..sampling.draw import philox_key
+from .light_share import choose_share, light_samples
 from .product import ProductCDFs, build_product_cdfs
 
 if TYPE_CHECKING:
@@ -62,6 +64,7 @@ def render(
     sequence: str = "independent",
     mis_compensation: bool = False,
     within: Literal["centre", "pixel"] | None = None,
+    light_share: float | None = None,
 ) -> Iterator[tuple[int, np.ndarray]]:
     """Yield (spp, image) for each of ``spp`` in increasing order; images are (R, R, 3) float32 radiance.
 
@@ -70,14 +73,18 @@ def render(
       separate shift. The last two are best at powers of two
     - ``mis_compensation``: with ``mis``, sample only the light above the map's mean, and leave the rest to the cosine's
       samples
+    - ``light_share``: with ``mis``, the part of a pixel's 2 spp directions that the light samples, above 0 and below 1,
+      where the light and the cosine each sample at least one; by default the part that suits the map, see
+      :mod:`lightdome.rendering.light_share`
     - ``within``: where in a pixel of the map directions lie: at its ``centre``, the default of ``light`` and
       ``product``; or anywhere in the ``pixel``, uniform over its solid angle, where those of ``bsdf`` and ``mis``
       always lie
 
-    An image with more samples continues one with fewer, so all of them together cost as much as the last. A black map
+    An image with more samples continues one with fewer, so all of them together cost as much as the last. With ``mis``
+    this holds only where both have the same part of light samples, as all multiples of four do by default. A black map
     gives a black image. Raises :class:`LightdomeError` for a resolution or a number of samples out of range, for an
-    albedo that is negative or not finite, for unknown names, for compensation without ``mis``, and for centres with
-    ``bsdf`` or ``mis``.
+    albedo that is negative or not finite, for unknown names, for compensation or a share without ``mis``, for a share
+    that is not between 0 and 1, and for centres with ``bsdf`` or ``mis``.
     """
     checks.instance("the distribution", distribution, Distribution)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
@@ -86,12 +93,19 @@ def render(
     checks.choice("sequence", sequence, SEQUENCES)
     if checks.flag("mis_compensation", mis_compensation) and estimator != "mis":
         raise LightdomeError(f"MIS compensation needs the estimator 'mis', got {estimator!r}")
+    if light_share is not None:
+        low, high = np.nextafter(0, 1), np.nextafter(1, 0)
+        light_share = checks.real("the light's share", light_share, "a number above 0 and below 1", low, high)
+        if estimator != "mis":
+            raise LightdomeError(f"a light's share needs the estimator 'mis', got {estimator!r}")
     by_centres = ESTIMATORS[estimator].pixels == "centres"
     if within is not None and checks.choice("place within a pixel", within, WITHIN) == "centre" and not by_centres:
         raise LightdomeError(f"{estimator!r} sees pixels as areas; expected within='pixel', got 'centre'")
     areas = by_centres and within == "pixel"
     key = philox_key(seed)
-    return _images(distribution, spp, resolution, albedo, key, estimator, areas, sequence, mis_compensation)
+    return _images(
+        distribution, spp, resolution, albedo, key, estimator, areas, sequence, mis_compensation, light_share
+    )
 
 
 def _images(
@@ -104,6 +118,7 @@ def _images(
     areas: bool,
     sequence: str,
     mis_compensation: bool,
+    light_share: float | None,
 ) -> Iterator[tuple[int, np.ndarray]]:
     device = distribution.device
     if distribution.total == 0:
@@ -113,7 +128,8 @@ def _images(
 
     device.decisions.skip("code of other estimators and sequences", f"only {estimator} and {sequence} are built")
     # Allocated first, as the largest: if the device has no room for it, this fails at once.
-    total = memory.zeros(device, (2, resolution, resolution, 3), np.float32)
+    empty_sum = partial(memory.zeros, device, (2, resolution, resolution, 3), np.float32)
+    total = empty_sum()
     disc = disc_tiles(resolution, 1, 1)
     note_tiles(device.decisions, disc, resolution, 1, 1)
     defines = {f"SEQUENCE_{sequence.upper()}": 1}
@@ -134,14 +150,21 @@ def _images(
         launch = _product_launch(distribution, kernel, cdfs, disc, defines)
         flux = 3 * distribution.flux
     else:
-        launch, flux = _launch(distribution, kernel, mis_compensation, disc, defines)
+        launch, flux, share = _launch(distribution, kernel, mis_compensation, light_share, disc, defines)
     step = min(device.items_per_launch(SAMPLES_PER_LAUNCH, len(disc)), SAMPLES_PER_SUM)
     done = 0
+    split = {}
     with Progress("rendering") as progress:
         for target in spp:
+            if estimator == "mis":
+                split = {"spp": target, "n_light": light_samples(target, share)}
+                if done and split["n_light"] * done != light_samples(done, share) * target:
+                    # The samples so far are weighted for another share.
+                    del total
+                    total, done = empty_sum(), 0
             while done < target:
                 end = min(done + step, target)
-                launch(seed=key, begin=done, end=end, resolution=resolution, sum=total)
+                launch(seed=key, begin=done, end=end, resolution=resolution, sum=total, **split)
                 device.wait()
                 done = end
                 progress.update(done / spp[-1])
@@ -157,10 +180,16 @@ def _black(spp: Sequence[int], resolution: int) -> Iterator[tuple[int, np.ndarra
 
 
 def _launch(
-    distribution: Distribution, kernel: str, mis_compensation: bool, disc: np.ndarray, defines: dict[str, int]
-) -> tuple[Callable[..., None], float]:
-    """A function that launches ``kernel`` for a range of samples, and the flux of R + G + B that it samples.
+    distribution: Distribution,
+    kernel: str,
+    mis_compensation: bool,
+    light_share: float | None,
+    disc: np.ndarray,
+    defines: dict[str, int],
+) -> tuple[Callable[..., None], float, float]:
+    """A function that launches ``kernel`` for a range of samples, the flux of R + G + B that it samples, and the share.
 
+    The share is that of the light's samples among a pixel's directions; 1 for a kernel with light or cosine alone.
     Of the map, the CDFs, their guide tables and the factors, it passes those that the kernel's signature names.
     """
     device, of_map, cdf = distribution.device, distribution.map, distribution.cdf
@@ -173,6 +202,7 @@ def _launch(
             offset = mean
     flux = 3 * distribution.flux * (cdf.total / distribution.total)
     wanted = device.programs.parameters(kernel)
+    share = light_share or (choose_share(distribution, offset, flux) if "n_light" in wanted else 1.0)
     arguments = _of_map(distribution, wanted)
     if "row_cdf" in wanted:
         device.decisions.use("guide tables", "every sample of every pixel searches the map")
@@ -181,7 +211,7 @@ def _launch(
         device.decisions.skip("guide tables", "directions of the cosine need no search")
     factors = {"offset": offset, "k": np.pi / (flux * of_map.scale)}
     arguments |= {factor: value for factor, value in factors.items() if factor in wanted}
-    return _in_blocks(device, kernel, disc, defines, **arguments), flux
+    return _in_blocks(device, kernel, disc, defines, **arguments), flux, share
 
 
 def _of_map(distribution: Distribution, wanted: frozenset[str]) -> dict[str, Argument]:

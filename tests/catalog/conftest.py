@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from helpers import stiff_radiance
+from lightdome import progress
 from lightdome.maps import convert
 from lightdome.maps.images import write_image
 
@@ -41,14 +42,16 @@ def maps(library: Path, tmp_path: Path) -> Path:
     return shutil.copytree(library, tmp_path / "maps")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def client() -> Iterator[Client]:
-    """A client of a cluster in this process."""
+    """A client of a cluster in this process, which stays silent only while it is a worker."""
     distributed = pytest.importorskip("distributed")
     with (
+        pytest.MonkeyPatch.context() as patch,
         distributed.LocalCluster(
             processes=False, n_workers=1, threads_per_worker=2, dashboard_address="127.0.0.1:0"
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):
+        patch.setattr(progress, "LINE_PATIENCE", progress.LINE_PATIENCE)
         yield client

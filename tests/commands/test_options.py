@@ -753,6 +753,17 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
         part4(world, "--within", "centre", "--estimator", "bsdf")
 
 
+@option("--light-share", "part4_pbrt")
+def _(world: World, patch: pytest.MonkeyPatch) -> None:
+    distribution = build_distribution(world.device, EnvironmentMap(world.radiance["map"]))
+    ran = part4(world, "--estimator", "mis", "--light-share", 0.9, "--spp", 4)
+    ((_, expected),) = render(distribution, [4], 12, estimator="mis", light_share=0.9)
+    np.testing.assert_array_equal(ran.image("sphere_4spp.pfm"), expected)
+    for refused in (("--estimator", "light", "--light-share", 0.9), ("--estimator", "mis", "--light-share", 1)):
+        with pytest.raises(SystemExit, match="2"):
+            part4(world, *refused)
+
+
 @option("--pbrt", "part4_pbrt", "bench", "report")
 def _(world: World, patch: pytest.MonkeyPatch, script: str) -> None:
     if script == "part4_pbrt":
