@@ -117,9 +117,7 @@ def catalog(args: argparse.Namespace) -> None:
     try:
         memory = int(parse_bytes(args.limit_memory))
     except ValueError as error:
-        raise LightdomeError(
-            f"--limit-memory must be a size such as 4GB or 2GiB, got {args.limit_memory}"
-        ) from error
+        raise LightdomeError(f"--limit-memory must be a size such as 4GB or 2GiB, got {args.limit_memory}") from error
     if memory < LEAST:
         raise LightdomeError(f"--limit-memory must be at least 1GB, got {args.limit_memory}")
     options = Options(
