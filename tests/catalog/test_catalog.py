@@ -197,15 +197,16 @@ def computed_here(client: Client, maps: Path, out: Path, options: Options) -> tu
         return run.total - run.known, {Path(row["path"]).name: row for row in rows(journal, sources)}
 
 
-# With this code, a process that opens deadly.exr dies.
+# With this code, a process that opens deadly.exr dies. Python 3.10's pathlib would make a method of a function.
 DEADLY = """
 import ctypes, io
 opened = io.open
-def open_or_die(file, *more, **options):
-    if str(file).endswith("deadly.exr"):
-        ctypes.string_at(0)
-    return opened(file, *more, **options)
-io.open = open_or_die
+class OpenOrDie:
+    def __call__(self, file, *more, **options):
+        if str(file).endswith("deadly.exr"):
+            ctypes.string_at(0)
+        return opened(file, *more, **options)
+io.open = OpenOrDie()
 """
 
 
