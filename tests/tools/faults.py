@@ -1558,18 +1558,18 @@ FAULTS: list[Fault] = [
     host(
         "render: samples begin at 0 in each launch",
         "per_pixel.py",
-        "begin=done, end=end",
-        "begin=0, end=end - done",
+        "begin=begin, end=end",
+        "begin=0, end=end - begin",
         "the same samples again",
     ),
     host(
         "render: the mean over the last image's samples",
         "per_pixel.py",
-        "np.pi * flux / target",
-        "np.pi * flux / spp[-1]",
+        "sampler.image(device, total, target)",
+        "sampler.image(device, total, spp[-1])",
         "a count of another image",
     ),
-    host("render: seed 0", "per_pixel.py", "key = philox_key(seed)", "key = philox_key(0)", "an option ignored"),
+    host("render: seed 0", "per_pixel.py", "spp, philox_key(seed))", "spp, philox_key(0))", "an option ignored"),
     host(
         "render: compensation without its offset",
         "per_pixel.py",
