@@ -12,12 +12,15 @@ How far E may be from V: E - V is the mean over i != j of x_i . x_j, where x_i i
     2 tr(C^2) / (N (N - 1))
 
 whatever the distribution of x_i, where C is the covariance of all pixels. Fresh samples make pixels independent, so
-tr(C^2) is the sum over pixels of tr(S^2) with the true S, which is nearly the same for neighbours: it is the mean of
-tr(S S') over pairs of different pixels nearby. A normal error would make E / V follow the F distribution with k and
-k (N - 1) degrees of freedom, k = tr(C)^2 / tr(C^2), which has this variance. Its quantiles give the interval.
+tr(C^2) is the sum over pixels of tr(S^2) with the true S. Two estimates of it are made, and the larger one is taken:
+the unbiased one from each pixel by itself, and, since that needs two rare bright samples in one pixel to know of them,
+tr(S S') over pairs of different pixels nearby, which have nearly the same covariance. A normal error would make E / V
+follow the F distribution with k and k (N - 1) degrees of freedom, k = tr(C)^2 / tr(C^2), which has this variance. Its
+quantiles give the interval.
 
 Source: Owen, Monte Carlo theory, methods and examples, chapters 2 and 17 (replicated randomised QMC); Satterthwaite, An
-Approximate Distribution of Estimates of Variance Components (1946); Pharr, Jakob, Humphreys, Physically Based
+Approximate Distribution of Estimates of Variance Components (1946); Himeno and Yamada, Estimations for Some Functions
+of Covariance Matrix in High Dimension under Non-normality (2014), on tr(C^2); Pharr, Jakob, Humphreys, Physically Based
 Rendering, 4th ed., 2.1.
 """
 
@@ -61,14 +64,14 @@ class ErrorEstimate:
 
 
 def estimate_error(images: Sequence[np.ndarray]) -> ErrorEstimate:
-    """Average ``images``, at least two of shape (R, R, 3), and estimate the error of the average.
+    """Average ``images``, at least four of shape (R, R, 3), and estimate the error of the average.
 
     The images must be independent, with the same number of samples, and pixels must not share samples. Light that no
-    sample has found is in neither the image nor its error. Raises :class:`LightdomeError` for fewer than two images,
+    sample has found is in neither the image nor its error. Raises :class:`LightdomeError` for fewer than four images,
     and for other shapes.
     """
-    if len(images) < 2:
-        raise LightdomeError(f"an error estimate needs at least two independent images, got {len(images)}")
+    if len(images) < 4:
+        raise LightdomeError(f"an error estimate needs at least four independent images, got {len(images)}")
     resolution = len(images[0])
     images = [checks.array("an image", image, (resolution, resolution, 3)) for image in images]
     inside = np.flatnonzero(disc_mask(resolution))
@@ -77,7 +80,7 @@ def estimate_error(images: Sequence[np.ndarray]) -> ErrorEstimate:
     mean = np.zeros((resolution**2, 3))
     error = np.zeros(resolution**2)
     power = spread = 0.0  # sums of M^2 and tr(S)
-    products = weighted = 0.0  # sums of tr(S^2) and M . S M
+    neighbours = own = weighted = 0.0  # sums for tr(C^2), from pixels nearby and from each alone, and of M . S M
     for first in range(0, len(inside), PIXELS):
         at = inside[first : first + PIXELS]
         values = np.empty((count, 3, len(at)))
@@ -91,11 +94,44 @@ def estimate_error(images: Sequence[np.ndarray]) -> ErrorEstimate:
         error[at] = np.sqrt(variance / (3 * count))
         power += float((average**2).sum())
         spread += float(variance.sum())
-        products += _sum_of_products(S, S)
+        neighbours += _sum_of_products(S, S)
+        fourth = (np.einsum("ncp,ncp->np", values, values) ** 2).sum() / (count - 1)
+        own += float((count - 1) * (count - 2) * (TWICE @ S**2).sum() + (variance**2).sum() - count * fourth)
         weighted += _sum_of_products(np.stack([average[c] * average[d] for c, d in PAIRS]), S)
-    rmse, interval = _relative(power, spread / count, products, weighted, count)
+    own *= (count - 1) / (count * (count - 2) * (count - 3))
+    rmse, interval = _relative(power, spread / count, max(own, neighbours), weighted, count)
     shape = (resolution, resolution)
     return ErrorEstimate(to_float32(mean.reshape(*shape, 3)), to_float32(error.reshape(shape)), rmse, interval)
+
+
+class Spread:
+    """The spread of independent arrays of the same mean, added one by one (Welford 1962)."""
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self.count, self.squares = 0, 0.0
+        self.mean = np.zeros(shape)
+
+    def add(self, values: np.ndarray) -> None:
+        """Add an array."""
+        self.count += 1
+        before = values - self.mean
+        self.mean += before / self.count
+        self.squares += float((before * (values - self.mean)).sum())
+
+    def of_one(self) -> float | None:
+        """The relative RMSE to expect of one of them; None if there are fewer than two."""
+        if self.count < 2:
+            return None
+        variance = self.squares / (self.count - 1)
+        return _ratio(float((self.mean**2).sum()), variance, self.count) ** 0.5
+
+
+def _ratio(power: float, variance: float, count: int) -> float:
+    """``variance`` over the squares of the true image, from the sum ``power`` of those of the average of ``count``."""
+    if variance == 0:
+        return 0.0
+    signal = power - variance / count
+    return variance / signal if signal > 0 else math.inf
 
 
 def _sum_of_products(A: np.ndarray, B: np.ndarray) -> float:
@@ -117,12 +153,12 @@ def _relative(
     power: float, squared: float, products: float, weighted: float, count: int
 ) -> tuple[float, tuple[float, float]]:
     """The relative RMSE and its interval, from sums over pixels; ``squared`` is V."""
-    if squared == 0:
+    ratio = _ratio(power, count * squared, count) / count
+    if ratio == 0:
         return 0.0, (0.0, ROUNDING)
-    signal = power - squared
-    if signal <= 0:
+    if math.isinf(ratio):
         return math.inf, (0.0, math.inf)
-    ratio = squared / signal
+    signal = power - squared
     # The variance of log E / V, and of the logarithm of the signal, which matters only if the noise is as large.
     variance = 2 * products / (count * (count - 1)) / squared**2 * (1 + ratio) ** 2
     variance += 4 * max(0.0, weighted - products / count) / (count * signal**2)
