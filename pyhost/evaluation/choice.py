@@ -206,10 +206,10 @@ class _Trial:
             fewest = self.seconds(first, IMAGES)
             if fewest >= best.seconds:  # and the other estimators need about as much
                 return
-            choice = self.with_samples(method, first, more, fewest)
-            if choice:
-                yield choice
-                best = min(best, choice, key=lambda each: each.seconds)
+            sampled = self.with_samples(method, first, more, fewest)
+            if sampled:
+                yield sampled
+                best = min(best, sampled, key=lambda each: each.seconds)
 
     def with_samples(self, method: str, first: Run, more: Run, fewest: float) -> Choice | None:
         """The ``method`` with fresh samples for every pixel, from images of TRIED samples; None if it cannot reach it.
