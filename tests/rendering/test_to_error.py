@@ -142,6 +142,12 @@ def test_it_ends_at_the_error_and_the_true_one_is_no_larger(
     np.testing.assert_allclose(found.error, estimate_error(images).error, rtol=1e-4)
 
 
+def test_it_does_not_end_while_the_interval_reaches_beyond_the_error(noise: Distribution) -> None:
+    found = [render_to_error(noise, 0.2, resolution=3, seed=seed) for seed in range(10)]
+    assert all(each.interval[1] <= 0.2 for each in found)
+    assert max(each.rmse for each in found) < 0.16
+
+
 def test_a_larger_image_needs_no_more_samples(noise: Distribution) -> None:
     small, large = (render_to_error(noise, 0.1, resolution=resolution) for resolution in (R, 3 * R))
     assert 0.5 < large.spp / small.spp < 2

