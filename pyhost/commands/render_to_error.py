@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import math
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -108,6 +110,8 @@ def _rendered(args: argparse.Namespace, distribution: Distribution) -> tuple[Ren
     }
     print(f"stopped after {found.spp} spp and {found.seconds:.2f} s: {reasons[found.reason]}")
     print(f"error: {_percent(found.rmse)}, 95 % interval {_percent(*found.interval)} (estimated from 4 images)")
+    if args.estimator == "bsdf":
+        print("note: this leaves out light that no sample has hit, such as a small sun", file=sys.stderr)
     return found, {"reason": found.reason, "spp": found.spp, **_numbers(found)}
 
 
@@ -129,9 +133,10 @@ def _automatic(args: argparse.Namespace, distribution: Distribution) -> tuple[Ch
 
 
 def _numbers(found: Rendered | CheapestImage) -> dict[str, Any]:
+    """What JSON can hold: null in place of infinity."""
     return {
-        "relative_rmse": found.rmse,
-        "interval": found.interval and list(found.interval),
+        "relative_rmse": found.rmse if math.isfinite(found.rmse) else None,
+        "interval": found.interval and [end if math.isfinite(end) else None for end in found.interval],
         "seconds": found.seconds,
     }
 

@@ -781,6 +781,9 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
         assert ran.names() == images | {"settings.json"}
         assert set(ran.json()["files"]) == images
         assert not (ran.out / "pbrt").exists()
+    note = "note: this leaves out light that no sample has hit"
+    assert note in until(world, "--error", "90%", "--estimator", "bsdf").errors
+    assert note not in ran.errors
     assert ran.picture("error.png").shape[:2] > (300, 300)
     assert until(world, "--error", "30%", "--format", "exr").names() == {"sphere.exr", "error.exr", "settings.json"}
     for wrong in ("0", "0%", "101%", "1e-6", "-1%", "nan", "one", "%"):
@@ -797,13 +800,15 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
 
     def record(distribution: object, error: float, seconds: float, *arguments: object, **options: object) -> Rendered:
         asked.append(seconds)
-        return render_to_error(distribution, error, seconds, *arguments, **options)
+        found = render_to_error(distribution, error, seconds, *arguments, **options)
+        return replace(found, rmse=np.inf, interval=(0.0, np.inf)) if seconds < 1e-3 else found
 
     patch.setattr(to_error, "render_to_error", record)
     for text, seconds in (("10", 10), ("2.5s", 2.5), ("500ms", 0.5), ("0.1ms", 1e-4)):
         ran = until(world, "--error", "0.001%" if text == "0.1ms" else "50%", "--time", text)
         assert asked.pop() == pytest.approx(seconds)
     assert ran.json()["reached"]["reason"] == "time"
+    assert (ran.json()["reached"]["relative_rmse"], ran.json()["reached"]["interval"]) == (None, [0, None])
     assert "the time is up, but the error may be above 0.001 %" in ran.said
     for wrong in ("0", "-1s", "nan", "ms", "3 minutes", "inf"):
         with pytest.raises(SystemExit, match="2"):
