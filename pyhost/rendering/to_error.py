@@ -23,7 +23,7 @@ from .estimate import ErrorEstimate, estimate_error
 from .per_pixel import build_sampler, is_black, planned
 
 IMAGES = 4  # whose spread is measured
-FIRST = 4  # samples per pixel of each image in the first round
+FIRST = 4  # samples per pixel of each image in the first round; later numbers are multiples of it
 MOST = 2**16  # the same, after which rendering ends in any case
 SMALLEST = 1e-5  # error that can be asked for: single precision is not far below
 FACTOR = 4  # most by which a round increases the samples
@@ -65,7 +65,7 @@ def render_to_error(
     """Render until the relative RMSE is at most ``error``, or for ``seconds`` of wall time, whichever comes first.
 
     The relative RMSE is estimated without the truth, and the upper end of its interval of 95 % must be at most
-    ``error``, a fraction from 1e-5 to 1. After ``seconds``, the image so far is returned, of 4 samples per pixel at
+    ``error``, a fraction from 1e-5 to 1. After ``seconds``, the image so far is returned, of 16 samples per pixel at
     least. Without them, rendering ends after 2^18 samples per pixel. Other arguments are those of
     :func:`lightdome.rendering.render`, of which the result is the average over the seeds :func:`seeds_of`. With
     ``seconds``, the number of samples depends on the machine.
@@ -95,13 +95,15 @@ def render_to_error(
             before = spp
             while spp < wanted:
                 now = time.perf_counter()
-                step = min(sampler.step, wanted - spp, _fitting(end - judging - now, a_sample))
+                step = min(max(sampler.step, FIRST), wanted - spp, _fitting(end - judging - now, a_sample))
+                step -= step % FIRST
                 if step == 0 and spp > 0:
                     break
-                step = max(1, step)
+                step = max(FIRST, step)
                 for key, total in zip(keys, totals, strict=True):
-                    sampler.add(key, spp, spp + step, total)
-                    device.wait()
+                    for begin in range(spp, spp + step, sampler.step):
+                        sampler.add(key, begin, min(begin + sampler.step, spp + step), total)
+                        device.wait()
                 spp += step
                 a_sample = (time.perf_counter() - now) / step
                 progress.update(min(1.0, spp / needed))
@@ -136,6 +138,6 @@ def _needed(rounds: list[tuple[int, float]], error: float) -> int:
 
 
 def _rounded(spp: int) -> int:
-    """The next number with three binary digits: the points of a sequence are better there than in between."""
-    part = max(1, 2 ** (spp.bit_length() - 3))
+    """The next number of at most three binary digits: the points of a sequence are better there than in between."""
+    part = max(FIRST, 2 ** (spp.bit_length() - 3))
     return -(-spp // part) * part

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers import ROOT, stiff_radiance
+from helpers import ROOT, stiff_radiance, with_small_launches
 from lightdome.disc import disc_mask
 from lightdome.errors import LightdomeError
 from lightdome.evaluation.metrics import relative_rmse
@@ -180,8 +180,14 @@ def test_it_ends_when_the_time_is_up(noise: Distribution, monkeypatch: pytest.Mo
     assert 9.5 < found.seconds == clock <= 10
     assert found.spp == pytest.approx(1000, rel=0.05)
     assert found.interval[1] > 1e-4
-    assert render_to_error(noise, 1e-4, 1e-9, R).spp == 4
+    assert render_to_error(noise, 1e-4, 1e-9, R).spp == 16
     assert render_to_error(noise, 0.3, 10.0, R).reason == "error"
+
+
+def test_launches_of_few_samples_change_nothing(device: Device, noise: Distribution) -> None:
+    few = build_distribution(with_small_launches(device), noise.envmap)
+    images = [render_to_error(each, 0.1, resolution=9, estimator="mis").image for each in (noise, few)]
+    np.testing.assert_allclose(images[1], images[0], rtol=1e-5)
 
 
 def test_it_ends_at_the_largest_number_of_samples(noise: Distribution, monkeypatch: pytest.MonkeyPatch) -> None:
