@@ -24,6 +24,14 @@ if TYPE_CHECKING:
 SPP = [8, 16, 32, 64]
 
 
+def _share(text: str) -> float:
+    """Argument type: a part of a whole."""
+    value = cli.positive_float(text)
+    if value >= 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number above 0 and below 1")
+    return value
+
+
 def parse_arguments() -> argparse.Namespace:
     """The command line."""
     parser = cli.parser(
@@ -69,6 +77,13 @@ def parse_arguments() -> argparse.Namespace:
         " angle (default: centre; always pixel for bsdf and mis)",
     )
     parser.add_argument(
+        "--light-share",
+        type=_share,
+        metavar="SHARE",
+        help="with --estimator mis, the part of a pixel's directions that the light samples, above 0 and below 1"
+        " (default: by the map)",
+    )
+    parser.add_argument(
         "--pbrt",
         type=Path,
         metavar="PATH",
@@ -99,6 +114,8 @@ def parse_arguments() -> argparse.Namespace:
         args.estimator, args.sequence = args.estimator or "light", args.sequence or "independent"
     if args.within == "centre" and args.estimator and ESTIMATORS[args.estimator].pixels == "areas":
         parser.error(f"--estimator {args.estimator} needs --within pixel")
+    if args.light_share and args.estimator != "mis":
+        parser.error("--light-share is for --estimator mis")
     if args.albedo > 1 and (args.renderer == "pbrt" or args.pbrt):
         parser.error(f"PBRT's albedo must be from 0 to 1, got {exactly(args.albedo)}; use --renderer opencl")
     return args
@@ -120,6 +137,7 @@ def with_opencl(args: argparse.Namespace, envmap: EnvironmentMap, device: Device
         args.estimator,
         args.sequence,
         within=args.within,
+        light_share=args.light_share,
     )
     # An image with more samples continues the one with fewer, so the decisions are those for all.
     cli.explain(args, f"{', '.join(map(str, sorted(set(args.spp))))} spp", device.decisions.take())

@@ -53,6 +53,8 @@ def check(parser: argparse.ArgumentParser, args: argparse.Namespace) -> None:
         parser.error("--error takes as many samples as it needs; leave out --spp")
     if args.renderer == "pbrt" or args.pbrt:
         parser.error("--error is for --renderer opencl")
+    if args.light_share:
+        parser.error("--error leaves the share of light samples to the map; leave out --light-share")
     args.renderer = "opencl"
     if args.auto:
         for name in ("estimator", "sequence", "time"):

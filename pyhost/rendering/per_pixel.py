@@ -4,7 +4,8 @@ There are four estimators, all unbiased. One sample per pixel means:
 
 - ``light``: a direction sampled by the light: the least work, but about half of the directions lie below the horizon
 - ``bsdf``: a direction sampled by the cosine: good only if the light is much the same from everywhere
-- ``mis``: one of each, weighted by the power heuristic: never much worse than the better of the two
+- ``mis``: two directions, sampled by the light and by the cosine, in parts that suit the map, and weighted by the
+  balance heuristic: never much worse than the better of the two
 - ``product``: a direction sampled by light times cosine, approximately: by far the least noise. Its tables take a few
   milliseconds to build, and it is for diffuse surfaces only
 
@@ -40,6 +41,7 @@ from ..progress import Progress
 from ..sampling.cdf import build_cdf
 from ..sampling.distribution import Distribution
 from ..sampling.draw import philox_key
+from .light_share import choose_share, light_samples
 from .product import ProductCDFs, build_product_cdfs
 
 if TYPE_CHECKING:
@@ -64,6 +66,7 @@ def render(
     sequence: str = "independent",
     mis_compensation: bool = False,
     within: Literal["centre", "pixel"] | None = None,
+    light_share: float | None = None,
 ) -> Iterator[tuple[int, np.ndarray]]:
     """Yield (spp, image) for each of ``spp`` in increasing order; images are (R, R, 3) float32 radiance.
 
@@ -72,16 +75,20 @@ def render(
       separate shift. The last two are best at powers of two
     - ``mis_compensation``: with ``mis``, sample only the light above the map's mean, and leave the rest to the cosine's
       samples
+    - ``light_share``: with ``mis``, the part of a pixel's 2 spp directions that the light samples, above 0 and below 1,
+      where the light and the cosine each sample at least one; by default the part that suits the map, see
+      :mod:`lightdome.rendering.light_share`
     - ``within``: where in a pixel of the map directions lie: at its ``centre``, the default of ``light`` and
       ``product``; or anywhere in the ``pixel``, uniform over its solid angle, where those of ``bsdf`` and ``mis``
       always lie
 
-    An image with more samples continues one with fewer, so all of them together cost as much as the last. A black map
+    An image with more samples continues one with fewer, so all of them together cost as much as the last. With ``mis``
+    this holds only where both have the same part of light samples, as all multiples of four do by default. A black map
     gives a black image. Raises :class:`LightdomeError` for a resolution or a number of samples out of range, for an
-    albedo that is negative or not finite, for unknown names, for compensation without ``mis``, and for centres with
-    ``bsdf`` or ``mis``.
+    albedo that is negative or not finite, for unknown names, for compensation or a share without ``mis``, for a share
+    that is not between 0 and 1, and for centres with ``bsdf`` or ``mis``.
     """
-    plan = planned(distribution, resolution, albedo, estimator, sequence, mis_compensation, within)
+    plan = planned(distribution, resolution, albedo, estimator, sequence, mis_compensation, within, light_share)
     spp = sorted(set(checks.wholes("samples per pixel", spp, 1, 2**31 - 1)))
     return _images(plan, spp, philox_key(seed))
 
@@ -97,6 +104,7 @@ class Plan:
     areas: bool
     sequence: str
     mis_compensation: bool
+    light_share: float | None
 
 
 @dataclass(frozen=True)
@@ -107,10 +115,19 @@ class Sampler:
     resolution: int
     step: int  # the most samples per pixel in a launch
     factor: float  # radiance is this times the mean of the samples; it may exceed float32's range
+    share: float | None  # of the light's samples among the directions of ``mis``
 
-    def add(self, key: np.ndarray, begin: int, end: int, total: DeviceArray) -> None:
-        """Add samples ``begin`` to ``end`` - 1 of every pixel, at most ``step``."""
-        self.launch(seed=key, begin=begin, end=end, resolution=self.resolution, sum=total)
+    def add(self, key: np.ndarray, begin: int, end: int, spp: int, total: DeviceArray) -> None:
+        """Add samples ``begin`` to ``end`` - 1 of every pixel, at most ``step``.
+
+        The sum is for ``spp`` samples, or for any number with the same part of light samples (:meth:`continues`).
+        """
+        split = {} if self.share is None else {"spp": spp, "n_light": light_samples(spp, self.share)}
+        self.launch(seed=key, begin=begin, end=end, resolution=self.resolution, sum=total, **split)
+
+    def continues(self, done: int, spp: int) -> bool:
+        """Whether a sum of ``done`` samples can go on to ``spp``: whether both weight them alike."""
+        return self.share is None or light_samples(spp, self.share) * done == light_samples(done, self.share) * spp
 
     def image(self, device: Device, total: DeviceArray, spp: int) -> np.ndarray:
         """The image of a sum of ``spp`` samples per pixel."""
@@ -128,6 +145,7 @@ def planned(
     sequence: str,
     mis_compensation: bool,
     within: str | None,
+    light_share: float | None = None,
 ) -> Plan:
     """Check the arguments of :func:`render`; raises :class:`LightdomeError` as it does."""
     checks.instance("the distribution", distribution, Distribution)
@@ -136,11 +154,16 @@ def planned(
     checks.choice("sequence", sequence, SEQUENCES)
     if checks.flag("mis_compensation", mis_compensation) and estimator != "mis":
         raise LightdomeError(f"MIS compensation needs the estimator 'mis', got {estimator!r}")
+    if light_share is not None:
+        low, high = np.nextafter(0, 1), np.nextafter(1, 0)
+        light_share = checks.real("the light's share", light_share, "a number above 0 and below 1", low, high)
+        if estimator != "mis":
+            raise LightdomeError(f"a light's share needs the estimator 'mis', got {estimator!r}")
     by_centres = ESTIMATORS[estimator].pixels == "centres"
     if within is not None and checks.choice("place within a pixel", within, WITHIN) == "centre" and not by_centres:
         raise LightdomeError(f"{estimator!r} sees pixels as areas; expected within='pixel', got 'centre'")
     areas = by_centres and within == "pixel"
-    return Plan(distribution, resolution, albedo, estimator, areas, sequence, mis_compensation)
+    return Plan(distribution, resolution, albedo, estimator, areas, sequence, mis_compensation, light_share)
 
 
 def _images(plan: Plan, spp: Sequence[int], key: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
@@ -157,9 +180,12 @@ def _images(plan: Plan, spp: Sequence[int], key: np.ndarray) -> Iterator[tuple[i
     done = 0
     with Progress("rendering") as progress:
         for target in spp:
+            if done and not sampler.continues(done, target):
+                del total
+                total, done = memory.zeros(device, (2, *shape), np.float32), 0
             while done < target:
                 end = min(done + sampler.step, target)
-                sampler.add(key, done, end, total)
+                sampler.add(key, done, end, target, total)
                 device.wait()
                 done = end
                 progress.update(done / spp[-1])
@@ -198,18 +224,24 @@ def build_sampler(plan: Plan) -> Sampler | None:
             device.decisions.skip("rendering", "no light of the map falls on what the camera sees")
             return None
         launch = _product_launch(distribution, kernel, cdfs, disc, defines)
-        flux = 3 * distribution.flux
+        flux, share = 3 * distribution.flux, None
     else:
-        launch, flux = _launch(distribution, kernel, plan.mis_compensation, disc, defines)
+        launch, flux, share = _launch(distribution, kernel, plan.mis_compensation, plan.light_share, disc, defines)
     step = min(device.items_per_launch(SAMPLES_PER_LAUNCH, len(disc)), SAMPLES_PER_SUM)
-    return Sampler(launch, resolution, step, plan.albedo / np.pi * flux)
+    return Sampler(launch, resolution, step, plan.albedo / np.pi * flux, share)
 
 
 def _launch(
-    distribution: Distribution, kernel: str, mis_compensation: bool, disc: np.ndarray, defines: dict[str, int]
-) -> tuple[Callable[..., None], float]:
-    """A function that launches ``kernel`` for a range of samples, and the flux of R + G + B that it samples.
+    distribution: Distribution,
+    kernel: str,
+    mis_compensation: bool,
+    light_share: float | None,
+    disc: np.ndarray,
+    defines: dict[str, int],
+) -> tuple[Callable[..., None], float, float | None]:
+    """A function that launches ``kernel`` for a range of samples, the flux of R + G + B that it samples, and the share.
 
+    The share is that of the light's samples among a pixel's directions; None for a kernel with light or cosine alone.
     Of the map, the CDFs, their guide tables and the factors, it passes those that the kernel's signature names.
     """
     device, of_map, cdf = distribution.device, distribution.map, distribution.cdf
@@ -222,6 +254,7 @@ def _launch(
             offset = mean
     flux = 3 * distribution.flux * (cdf.total / distribution.total)
     wanted = device.programs.parameters(kernel)
+    share = light_share or (choose_share(distribution, offset, flux) if "n_light" in wanted else None)
     arguments = _of_map(distribution, wanted)
     if "row_cdf" in wanted:
         device.decisions.use("guide tables", "every sample of every pixel searches the map")
@@ -230,7 +263,7 @@ def _launch(
         device.decisions.skip("guide tables", "directions of the cosine need no search")
     factors = {"offset": offset, "k": np.pi / (flux * of_map.scale)}
     arguments |= {factor: value for factor, value in factors.items() if factor in wanted}
-    return _in_blocks(device, kernel, disc, defines, **arguments), flux
+    return _in_blocks(device, kernel, disc, defines, **arguments), flux, share
 
 
 def _of_map(distribution: Distribution, wanted: frozenset[str]) -> dict[str, Argument]:

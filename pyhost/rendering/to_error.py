@@ -102,7 +102,7 @@ def render_to_error(
                 step = max(FIRST, step)
                 for key, total in zip(keys, totals, strict=True):
                     for begin in range(spp, spp + step, sampler.step):
-                        sampler.add(key, begin, min(begin + sampler.step, spp + step), total)
+                        sampler.add(key, begin, min(begin + sampler.step, spp + step), FIRST, total)
                         device.wait()
                 spp += step
                 a_sample = (time.perf_counter() - now) / step

@@ -755,6 +755,17 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
         part4(world, "--within", "centre", "--estimator", "bsdf")
 
 
+@option("--light-share", "part4_pbrt")
+def _(world: World, patch: pytest.MonkeyPatch) -> None:
+    distribution = build_distribution(world.device, EnvironmentMap(world.radiance["map"]))
+    ran = part4(world, "--estimator", "mis", "--light-share", 0.9, "--spp", 4)
+    ((_, expected),) = render(distribution, [4], 12, estimator="mis", light_share=0.9)
+    np.testing.assert_array_equal(ran.image("sphere_4spp.pfm"), expected)
+    for refused in (("--estimator", "light", "--light-share", 0.9), ("--estimator", "mis", "--light-share", 1)):
+        with pytest.raises(SystemExit, match="2"):
+            part4(world, *refused)
+
+
 def until(world: World, *arguments: object) -> Ran:
     """Part 4 with options for the error."""
     return world.run("part4_pbrt", "--map", world.folder / "map.pfm", "--resolution", 12, *arguments)
@@ -790,7 +801,12 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
     for wrong in ("0", "0%", "101%", "1e-6", "-1%", "nan", "one", "%"):
         with pytest.raises(SystemExit, match="2"):
             until(world, f"--error={wrong}")
-    for more in (("--spp", 4), ("--renderer", "pbrt"), ("--pbrt", "/opt/pbrt")):
+    for more in (
+        ("--spp", 4),
+        ("--renderer", "pbrt"),
+        ("--pbrt", "/opt/pbrt"),
+        ("--estimator", "mis", "--light-share", 0.5),
+    ):
         with pytest.raises(SystemExit, match="2"):
             until(world, "--error", "30%", *more)
 
