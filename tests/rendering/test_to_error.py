@@ -126,12 +126,16 @@ def test_the_true_error_lies_in_the_interval(
     assert LEAST <= inside <= MOST
 
 
-@pytest.mark.parametrize("options", [{}, {"estimator": "light", "sequence": "independent"}, {"within": "pixel"}])
+@pytest.mark.parametrize(
+    "options", [{}, {"estimator": "light", "sequence": "independent"}, {"within": "pixel"}, {"estimator": "mis"}]
+)
 def test_it_ends_at_the_error_and_the_true_one_is_no_larger(
     device: Device, noise: Distribution, options: dict[str, str]
 ) -> None:
     found = render_to_error(noise, 0.05, resolution=R, **options)
-    truth = exact(device, noise.envmap, R, pixels="areas" if "within" in options else "centres")
+    truth = exact(
+        device, noise.envmap, R, pixels="areas" if {"within", "mis"} & {*options, *options.values()} else "centres"
+    )
     true = relative_rmse(found.image[MASK], truth[MASK])
     assert found.reason == "error"
     assert found.interval[0] < true < found.interval[1] <= 0.05
@@ -168,10 +172,10 @@ def test_it_ends_when_the_time_is_up(noise: Distribution, monkeypatch: pytest.Mo
     clock = 0.0
     add = Sampler.add
 
-    def slow(sampler: Sampler, key: np.ndarray, begin: int, end: int, total: object) -> None:
+    def slow(sampler: Sampler, key: np.ndarray, begin: int, end: int, *rest: object) -> None:
         nonlocal clock
         clock += 0.01 * (end - begin)
-        add(sampler, key, begin, end, total)
+        add(sampler, key, begin, end, *rest)
 
     monkeypatch.setattr(Sampler, "add", slow)
     monkeypatch.setattr(to_error, "time", SimpleNamespace(perf_counter=lambda: clock))
