@@ -31,9 +31,11 @@ from .metrics import relative_rmse
 
 SMALL, LARGER = 64, 192  # pixels across the images on which errors and times are measured
 MARGIN = 0.95  # of the error asked for, since that of another resolution differs
-ORDERS = (2, 4, 6, 8, 10, 12, 16, 24, 32)
-LIGHTS = (16, 64, 256, 1024)
-SAMPLES = (64, 256, 1024, 4096, 16384)
+SHARED = {  # orders, lights and samples to try
+    "harmonics": (2, 4, 6, 8, 10, 12, 16, 24, 32),
+    "median-cut": (16, 64, 256, 1024),
+    "lattice": (64, 256, 1024, 4096, 16384),
+}
 TRIED = FIRST, 16 * FIRST  # samples per pixel
 
 Run = Callable[[int], np.ndarray]  # (resolution) -> image
@@ -108,8 +110,12 @@ def render_cheapest(
     if within is not None:
         checks.choice("place within a pixel", within, WITHIN)
     trial = _Trial(distribution, error, resolution, seed, within)
-    with Progress("measuring methods"):
-        choices = sorted(trial.choices(), key=lambda choice: choice.seconds)
+    choices: list[Choice] = []
+    with Progress("measuring methods") as progress:
+        for choice in trial.choices():
+            choices.append(choice)
+            progress.update(len(choices) / (len(SHARED) + 1 + len(trial.per_pixel)))  # at most so many
+    choices.sort(key=lambda choice: choice.seconds)
     best = choices[0]
     if best.method in trial.per_pixel:
         estimator, sequence = trial.per_pixel[best.method]
@@ -193,7 +199,7 @@ class _Trial:
         yield (best := Choice("exact", 1, 0.0, self.seconds(whole)))
         if not self.truth.any():
             return
-        for method, counts in (("harmonics", ORDERS), ("median-cut", LIGHTS), ("lattice", SAMPLES)):
+        for method, counts in SHARED.items():
             for count in counts:
                 run = self.run(method, count)
                 off = self.off(run)

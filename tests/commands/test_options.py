@@ -836,7 +836,7 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
 
 @option("--auto", "part4_pbrt")
 def _(world: World, patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(choice, "LIGHTS", (16,))  # with more lights than pixels, median cut is exact, too
+    patch.setitem(choice.SHARED, "median-cut", (16,))  # with more lights than pixels, median cut is exact, too
     ran = until(world, "--auto", "--error", "0.001%")
     truth = exact(world.device, EnvironmentMap(world.radiance["map"]), 12)
     np.testing.assert_array_equal(ran.image("sphere.pfm"), truth)

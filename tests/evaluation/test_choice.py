@@ -49,7 +49,7 @@ def test_the_cheapest_reaches_the_error(distribution: Distribution, error: float
 def test_an_error_that_nothing_else_reaches_needs_the_exact_image(
     distribution: Distribution, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(choice, "LIGHTS", (16,))  # with more lights than pixels, median cut is exact, too
+    monkeypatch.setitem(choice.SHARED, "median-cut", (16,))  # with more lights than pixels, median cut is exact, too
     found = render_cheapest(distribution, 1e-5, R, albedo=0.5)
     assert found.choices[0].method == "exact"
     assert (found.rmse, found.interval) == (0, None)

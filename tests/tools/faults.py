@@ -1669,8 +1669,8 @@ FAULTS: list[Fault] = [
     host(
         "choice: the slowest method",
         "choice.py",
-        "choices = sorted(trial.choices(), key=lambda choice: choice.seconds)",
-        "choices = sorted(trial.choices(), key=lambda choice: -choice.seconds)",
+        "choices.sort(key=lambda choice: choice.seconds)",
+        "choices.sort(key=lambda choice: -choice.seconds)",
         "an order reversed",
     ),
     host(
