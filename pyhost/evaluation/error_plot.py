@@ -21,6 +21,6 @@ def error_figure(error: np.ndarray, rmse: float) -> Figure:
     plot = figure.subplots()
     drawn = plot.imshow(np.where(inside, error, np.nan), cmap="viridis", vmin=0, vmax=most)
     figure.colorbar(drawn, ax=plot, shrink=0.9, extend="max", label="radiance")
-    plot.set_title(f"standard error of each pixel; relative RMSE {100 * rmse:.3g} %", fontsize=10)
+    plot.set_title(f"error of each pixel; relative RMSE {100 * rmse:.3g} %", fontsize=10)
     plot.set_axis_off()
     return figure
