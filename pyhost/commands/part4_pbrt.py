@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from ..errors import LightdomeError, exactly
 from ..names import ESTIMATORS, PIXEL_SEQUENCES, SEED, WITHIN
 from . import cli
+from . import render_to_error as to_error
 
 if TYPE_CHECKING:
     import numpy as np
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from ..opencl.device import Device
 
     Images = Iterator[tuple[int, np.ndarray]]
+
+SPP = [8, 16, 32, 64]
 
 
 def _share(text: str) -> float:
@@ -35,23 +38,37 @@ def parse_arguments() -> argparse.Namespace:
         "Render a diffuse sphere under an environment map with fresh samples for every pixel.\n\n"
         "Writes sphere_Nspp.pfm (linear radiance), sphere_Nspp.ppm and sphere_Nspp.png, or the formats of --format, for"
         " N samples per pixel, and the scenes for PBRT-v3 and PBRT-v4 into the folder pbrt. settings.json records how"
-        " the images were made.",
+        " the images were made.\n\n"
+        "With --error, writes sphere.pfm, .ppm and .png of as many samples as the error needs, error.pfm (the standard"
+        " error of each pixel, radiance) and error.png (the same in false colour). settings.json records what was"
+        " reached. PBRT is not used.",
         example="--spp 16 64 --seed 1",
         out="out/part4",
     )
     cli.map_options(parser)
     parser.add_argument(
-        "--spp", type=cli.positive_int, nargs="+", default=[8, 16, 32, 64], metavar="N", help="samples per pixel"
+        "--spp",
+        type=cli.positive_int,
+        nargs="+",
+        metavar="N",
+        help=f"samples per pixel (default: {' '.join(map(str, SPP))})",
     )
+    to_error.options(parser)
     parser.add_argument(
         "--renderer",
         choices=["auto", "pbrt", "opencl"],
         default="auto",
         help="auto: pbrt if it is found, otherwise opencl; opencl too if --estimator, --sequence or --within is given",
     )
-    parser.add_argument("--estimator", choices=ESTIMATORS, help="how a pixel uses its samples (default: light)")
     parser.add_argument(
-        "--sequence", choices=PIXEL_SEQUENCES, help="the points that samples are made from (default: independent)"
+        "--estimator",
+        choices=ESTIMATORS,
+        help="how a pixel uses its samples (default: light; with --error product)",
+    )
+    parser.add_argument(
+        "--sequence",
+        choices=PIXEL_SEQUENCES,
+        help="the points that samples are made from (default: independent; with --error lattice)",
     )
     parser.add_argument(
         "--within",
@@ -82,6 +99,7 @@ def parse_arguments() -> argparse.Namespace:
     cli.device_option(parser)
     cli.explain_option(parser)
     args = parser.parse_args()
+    to_error.check(parser, args)
     if args.renderer == "opencl" and args.pbrt:
         parser.error("--pbrt is for --renderer pbrt or auto")
     if args.renderer == "pbrt" and args.device:
@@ -91,8 +109,10 @@ def parse_arguments() -> argparse.Namespace:
             if args.renderer == "pbrt" or args.pbrt:
                 parser.error(f"--{name} is for --renderer opencl")
             args.renderer = "opencl"
-    args.estimator, args.sequence = args.estimator or "light", args.sequence or "independent"
-    if args.within == "centre" and ESTIMATORS[args.estimator].pixels == "areas":
+    if not args.error:
+        args.spp = args.spp or SPP
+        args.estimator, args.sequence = args.estimator or "light", args.sequence or "independent"
+    if args.within == "centre" and args.estimator and ESTIMATORS[args.estimator].pixels == "areas":
         parser.error(f"--estimator {args.estimator} needs --within pixel")
     if args.light_share and args.estimator != "mis":
         parser.error("--light-share is for --estimator mis")
@@ -129,6 +149,9 @@ def main() -> None:
     args = parse_arguments()
     out = cli.output_folder(args.out, images=True)
     envmap = cli.load_map(args)
+    if args.error:
+        to_error.run(args, out, envmap)
+        return
 
     from .. import pbrt
     from ..maps.images import tone_map

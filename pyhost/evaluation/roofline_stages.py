@@ -166,7 +166,7 @@ class MapStages:
         count = disc * SPP
         for estimator in ESTIMATORS:
             by_light, by_cosine = ESTIMATORS[estimator].operations
-            operations = by_light + by_cosine
+            operations = float(by_light + by_cosine)
             if estimator == "mis":  # two directions
                 share = choose_share(self.distribution)
                 operations = 2 * (share * by_light + (1 - share) * by_cosine)

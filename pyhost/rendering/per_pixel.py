@@ -23,6 +23,7 @@ Rendering, 4th ed., 2.2 and 13.2; Karlik et al., MIS Compensation (2019).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -45,6 +46,7 @@ from .product import ProductCDFs, build_product_cdfs
 
 if TYPE_CHECKING:
     from ..opencl.device import Device
+    from ..opencl.memory import DeviceArray
     from ..opencl.signature import Argument
 
 SAMPLES_PER_LAUNCH = 2**25  # pixels x spp between two updates of the progress line
@@ -86,9 +88,68 @@ def render(
     albedo that is negative or not finite, for unknown names, for compensation or a share without ``mis``, for a share
     that is not between 0 and 1, and for centres with ``bsdf`` or ``mis``.
     """
+    plan = planned(distribution, resolution, albedo, estimator, sequence, mis_compensation, within, light_share)
+    spp = sorted(set(checks.wholes("samples per pixel", spp, 1, 2**31 - 1)))
+    return _images(plan, spp, philox_key(seed))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The arguments of :func:`render` that decide what a sample adds, checked."""
+
+    distribution: Distribution
+    resolution: int
+    albedo: float
+    estimator: str
+    areas: bool
+    sequence: str
+    mis_compensation: bool
+    light_share: float | None
+
+
+@dataclass(frozen=True)
+class Sampler:
+    """Adds samples to sums: double words (2, R, R, 3), as :func:`render` and :func:`render_to_error` need them."""
+
+    launch: Callable[..., None]
+    resolution: int
+    step: int  # the most samples per pixel in a launch
+    factor: float  # radiance is this times the mean of the samples; it may exceed float32's range
+    share: float | None  # of the light's samples among the directions of ``mis``
+
+    def add(self, key: np.ndarray, begin: int, end: int, spp: int, total: DeviceArray) -> None:
+        """Add samples ``begin`` to ``end`` - 1 of every pixel, at most ``step``.
+
+        The sum is for ``spp`` samples, or for any number with the same part of light samples (:meth:`continues`).
+        """
+        split = {} if self.share is None else {"spp": spp, "n_light": light_samples(spp, self.share)}
+        self.launch(seed=key, begin=begin, end=end, resolution=self.resolution, sum=total, **split)
+
+    def continues(self, done: int, spp: int) -> bool:
+        """Whether a sum of ``done`` samples can go on to ``spp``: whether both weight them alike."""
+        return self.share is None or light_samples(spp, self.share) * done == light_samples(done, self.share) * spp
+
+    def image(self, device: Device, total: DeviceArray, spp: int) -> np.ndarray:
+        """The image of a sum of ``spp`` samples per pixel."""
+        # In float64: albedo F / pi can exceed float32's range even if no radiance does.
+        image = np.add(*memory.download(device, total), dtype=np.float64)
+        image *= self.factor / spp
+        return to_float32(image)
+
+
+def planned(
+    distribution: Distribution,
+    resolution: int,
+    albedo: float,
+    estimator: str,
+    sequence: str,
+    mis_compensation: bool,
+    within: str | None,
+    light_share: float | None = None,
+) -> Plan:
+    """Check the arguments of :func:`render`; raises :class:`LightdomeError` as it does."""
     checks.instance("the distribution", distribution, Distribution)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
-    spp = sorted(set(checks.wholes("samples per pixel", spp, 1, 2**31 - 1)))
     checks.choice("estimator", estimator, ESTIMATORS)
     checks.choice("sequence", sequence, SEQUENCES)
     if checks.flag("mis_compensation", mis_compensation) and estimator != "mis":
@@ -102,81 +163,72 @@ def render(
     if within is not None and checks.choice("place within a pixel", within, WITHIN) == "centre" and not by_centres:
         raise LightdomeError(f"{estimator!r} sees pixels as areas; expected within='pixel', got 'centre'")
     areas = by_centres and within == "pixel"
-    key = philox_key(seed)
-    return _images(
-        distribution, spp, resolution, albedo, key, estimator, areas, sequence, mis_compensation, light_share
-    )
+    return Plan(distribution, resolution, albedo, estimator, areas, sequence, mis_compensation, light_share)
 
 
-def _images(
-    distribution: Distribution,
-    spp: Sequence[int],
-    resolution: int,
-    albedo: float,
-    key: np.ndarray,
-    estimator: str,
-    areas: bool,
-    sequence: str,
-    mis_compensation: bool,
-    light_share: float | None,
-) -> Iterator[tuple[int, np.ndarray]]:
-    device = distribution.device
-    if distribution.total == 0:
-        device.decisions.skip("rendering", "the map is black, and so is the image")
-        yield from _black(spp, resolution)
+def _images(plan: Plan, spp: Sequence[int], key: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+    device, shape = plan.distribution.device, (plan.resolution, plan.resolution, 3)
+    sampler = None
+    if not is_black(plan):
+        # Allocated first, as the largest: if the device has no room for it, this fails at once.
+        total = memory.zeros(device, (2, *shape), np.float32)
+        sampler = build_sampler(plan)
+    if sampler is None:
+        for target in spp:
+            yield target, np.zeros(shape, np.float32)
         return
+    done = 0
+    with Progress("rendering") as progress:
+        for target in spp:
+            if done and not sampler.continues(done, target):
+                del total
+                total, done = memory.zeros(device, (2, *shape), np.float32), 0
+            while done < target:
+                end = min(done + sampler.step, target)
+                sampler.add(key, done, end, target, total)
+                device.wait()
+                done = end
+                progress.update(done / spp[-1])
+            yield target, sampler.image(device, total, target)
 
-    device.decisions.skip("code of other estimators and sequences", f"only {estimator} and {sequence} are built")
-    # Allocated first, as the largest: if the device has no room for it, this fails at once.
-    empty_sum = partial(memory.zeros, device, (2, resolution, resolution, 3), np.float32)
-    total = empty_sum()
+
+def is_black(plan: Plan) -> bool:
+    """Whether the map is black, and so the image."""
+    if plan.distribution.total == 0:
+        plan.distribution.device.decisions.skip("rendering", "the map is black, and so is the image")
+        return True
+    return False
+
+
+def build_sampler(plan: Plan) -> Sampler | None:
+    """Build what samples of a map that is not black need; None if none of its light falls on what the camera sees."""
+    distribution, resolution = plan.distribution, plan.resolution
+    device = distribution.device
+    device.decisions.skip(
+        "code of other estimators and sequences", f"only {plan.estimator} and {plan.sequence} are built"
+    )
     disc = disc_tiles(resolution, 1, 1)
     note_tiles(device.decisions, disc, resolution, 1, 1)
-    defines = {f"SEQUENCE_{sequence.upper()}": 1}
+    defines = {f"SEQUENCE_{plan.sequence.upper()}": 1}
     if distribution.map.is_grey:
         device.decisions.skip("separate channels", "the map is grey")
         defines["GREY"] = 1
     else:
         device.decisions.use("separate channels", "the map is in colour")
-    kernel = f"rendering/render_{estimator}{'_areas' if areas else ''}"
-    if estimator == "product":
-        cdfs = build_product_cdfs(distribution, resolution, areas)
+    kernel = f"rendering/render_{plan.estimator}{'_areas' if plan.areas else ''}"
+    if plan.estimator == "product":
+        cdfs = build_product_cdfs(distribution, resolution, plan.areas)
         disc = cdfs.lit(device, disc)
         device.decisions.skip("guide tables", "tables of light times cosine are searched instead")
         if len(disc) == 0:
             device.decisions.skip("rendering", "no light of the map falls on what the camera sees")
-            yield from _black(spp, resolution)
-            return
+            return None
         launch = _product_launch(distribution, kernel, cdfs, disc, defines)
-        flux = 3 * distribution.flux
+        flux, share = 3 * distribution.flux, None
     else:
-        launch, flux, share = _launch(distribution, kernel, mis_compensation, light_share, disc, defines)
+        launch, flux, share = _launch(distribution, kernel, plan.mis_compensation, plan.light_share, disc, defines)
     step = min(device.items_per_launch(SAMPLES_PER_LAUNCH, len(disc)), SAMPLES_PER_SUM)
-    done = 0
-    split = {}
-    with Progress("rendering") as progress:
-        for target in spp:
-            if estimator == "mis":
-                split = {"spp": target, "n_light": light_samples(target, share)}
-                if done and split["n_light"] * done != light_samples(done, share) * target:
-                    # The samples so far are weighted for another share.
-                    del total
-                    total, done = empty_sum(), 0
-            while done < target:
-                end = min(done + step, target)
-                launch(seed=key, begin=done, end=end, resolution=resolution, sum=total, **split)
-                device.wait()
-                done = end
-                progress.update(done / spp[-1])
-            # In float64: albedo F / pi can exceed float32's range even if no radiance does.
-            image = np.add(*memory.download(device, total), dtype=np.float64)
-            image *= albedo / np.pi * flux / target
-            yield target, to_float32(image)
-
-
-def _black(spp: Sequence[int], resolution: int) -> Iterator[tuple[int, np.ndarray]]:
-    for target in spp:
-        yield target, np.zeros((resolution, resolution, 3), np.float32)
+    return Sampler(launch, resolution, step, plan.albedo / np.pi * flux, share)
 
 
 def _launch(
@@ -186,10 +238,10 @@ def _launch(
     light_share: float | None,
     disc: np.ndarray,
     defines: dict[str, int],
-) -> tuple[Callable[..., None], float, float]:
+) -> tuple[Callable[..., None], float, float | None]:
     """A function that launches ``kernel`` for a range of samples, the flux of R + G + B that it samples, and the share.
 
-    The share is that of the light's samples among a pixel's directions; 1 for a kernel with light or cosine alone.
+    The share is that of the light's samples among a pixel's directions; None for a kernel with light or cosine alone.
     Of the map, the CDFs, their guide tables and the factors, it passes those that the kernel's signature names.
     """
     device, of_map, cdf = distribution.device, distribution.map, distribution.cdf
@@ -202,7 +254,7 @@ def _launch(
             offset = mean
     flux = 3 * distribution.flux * (cdf.total / distribution.total)
     wanted = device.programs.parameters(kernel)
-    share = light_share or (choose_share(distribution, offset, flux) if "n_light" in wanted else 1.0)
+    share = light_share or (choose_share(distribution, offset, flux) if "n_light" in wanted else None)
     arguments = _of_map(distribution, wanted)
     if "row_cdf" in wanted:
         device.decisions.use("guide tables", "every sample of every pixel searches the map")
