@@ -41,9 +41,12 @@ def is_http(url: str) -> bool:
 
 
 def name_of(source: str) -> str:
-    """What a source is called in tables and messages: a URL without user and password, its query replaced by a hash."""
+    """What a source is called in tables and messages: a URL without user and password, its query replaced by a hash.
+
+    Bytes of a file's name that are not UTF-8 are escaped.
+    """
     if not is_url(source):
-        return source
+        return os.fsencode(source).decode("utf-8", "backslashreplace")
     address, _, query = source.partition("?")
     return without_secrets(address) + (f"?{sha256(query.encode()).hexdigest()[:8]}" if query else "")
 

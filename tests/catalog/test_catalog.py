@@ -146,6 +146,20 @@ def test_sources_are_folders_files_globs_and_lists(maps: Path, tmp_path: Path) -
         find([str(tmp_path / "empty")])
 
 
+def test_a_name_that_is_not_utf_8_is_escaped(client: Client, tmp_path: Path) -> None:
+    (tmp_path / "maps").mkdir()
+    try:
+        write_image(tmp_path / "maps" / "m.pfm", stiff_radiance(8, 16))
+        (tmp_path / "maps" / "m.pfm").rename(tmp_path / "maps" / os.fsdecode(b"m\xff.pfm"))
+    except OSError:
+        pytest.skip("the file system takes only UTF-8 names")
+    _, found = computed_here(client, tmp_path / "maps", tmp_path / "out", Options(harmonics=None))
+    assert [*found] == [r"m\xff.pfm"]
+    options = Options(lights=0, harmonics=None)
+    table.write_csv(tmp_path / "catalog.csv", columns(options), partial(iter, found.values()))
+    table.write_parquet(tmp_path / "catalog.parquet", columns(options), partial(iter, found.values()), 1)
+
+
 def journal_row(path: str, sha256: str = "ab") -> dict[str, Any]:
     return {"path": path, "sha256": sha256, "status": "done", "value": 0.1}
 
