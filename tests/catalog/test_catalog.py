@@ -160,6 +160,51 @@ def test_a_name_that_is_not_utf_8_is_escaped(client: Client, tmp_path: Path) -> 
     table.write_parquet(tmp_path / "catalog.parquet", columns(options), partial(iter, found.values()), 1)
 
 
+def test_a_missing_path_is_an_error_on_the_command_line_and_a_row_from_a_list(maps: Path, tmp_path: Path) -> None:
+    with pytest.raises(LightdomeError, match="map does not exist"):
+        find([str(maps), str(tmp_path / "map")])
+    (tmp_path / "list.txt").write_text("map\n")
+    assert list(find([str(tmp_path / "list.txt")])) == [str(tmp_path / "map")]
+
+
+def test_globs_find_what_folders_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the folder's own name; ``**`` does not follow links to folders."""
+    here = tmp_path / "br [x]"
+    (here / "below").mkdir(parents=True)
+    for name in ("a.pfm", "README.md", "below/b.pfm"):
+        (here / name).touch()
+    (here / "below" / "up").symlink_to(here)
+    (here / "link").symlink_to(here / "below")
+    monkeypatch.chdir(here)
+    assert list(find(["*.pfm", "*"])) == [str(here / name) for name in ("a.pfm", "below/b.pfm", "link/b.pfm")]
+    for pattern in ("**/*.pfm", "**/", f"{tmp_path}/**/*.pfm"):
+        assert list(find([pattern])) == [str(here / "a.pfm"), str(here / "below" / "b.pfm")]
+    assert list(find(["link/../*.pfm"])) == [str(here / "a.pfm")]
+
+
+def test_a_list_may_come_from_windows_and_have_comments(tmp_path: Path) -> None:
+    names = ["a b .pfm", "line\u2028separator.pfm", "#.pfm"]
+    (tmp_path / "list.txt").write_bytes(("\ufeff" + "\r\n".join(["# maps", *names[:2], "", "./#.pfm"])).encode())
+    assert sorted(find([str(tmp_path / "list.txt")])) == sorted(str(tmp_path / name) for name in names)
+
+
+def test_a_folder_that_cannot_be_listed_has_a_row(maps: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scan = os.scandir
+
+    def refuse(path: str) -> Any:
+        if path.endswith("below"):
+            raise PermissionError(13, "Permission denied", path)
+        return scan(path)
+
+    monkeypatch.setattr(os, "scandir", refuse)
+    assert str(maps / "below") in find([str(maps)])
+
+
+def test_chained_urls_are_refused() -> None:
+    with pytest.raises(LightdomeError, match="chained"):
+        find(["zip://in/a.pfm::/tmp/m.zip"])
+
+
 def journal_row(path: str, sha256: str = "ab") -> dict[str, Any]:
     return {"path": path, "sha256": sha256, "status": "done", "value": 0.1}
 
