@@ -12,6 +12,7 @@ from pathlib import Path
 
 import dask
 from distributed import Client, LocalCluster
+from distributed.comm import get_address_host_port
 from distributed.security import Security
 
 from ..errors import LightdomeError, one_line
@@ -90,6 +91,11 @@ def _address(place: Place) -> str | None:
             raise LightdomeError(f"cannot read the scheduler file {place.file}: {one_line(error)}") from error
     if address and "://" not in address:
         address = f"{'tls' if place.tls else 'tcp'}://{address}"
+    if address:
+        try:
+            get_address_host_port(address, strict=True)
+        except ValueError as error:
+            raise LightdomeError(f"{address} is not the address of a Dask scheduler: {one_line(error)}") from error
     # Dask's client reports these two with a traceback, after 40 s.
     if address and address.startswith("tls://") and not place.tls:
         raise LightdomeError(f"the Dask scheduler at {address} needs --tls")

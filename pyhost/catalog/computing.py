@@ -18,9 +18,9 @@ from distributed import Client, Future, KilledWorker, LocalCluster
 
 from .. import __version__
 from ..errors import LightdomeError, one_line, shown
-from ..files import replacing
+from ..files import cannot_write, replacing
 from ..progress import Progress
-from .journal import Entry, Journal
+from .journal import NAME, Entry, Journal
 from .remote import is_url
 from .row import Options, Row
 from .worker import work
@@ -145,6 +145,12 @@ class Run:
         self._write(row, flight)
 
     def _write(self, row: Row, flight: Flight) -> None:
+        try:
+            self._record(row, flight)
+        except OSError as error:  # not one of the cluster
+            raise cannot_write(Path(error.filename or self.out / NAME), error.strerror or str(error)) from error
+
+    def _record(self, row: Row, flight: Flight) -> None:
         for name, content in row.files.items():
             path = self.out / name
             path.parent.mkdir(exist_ok=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -53,16 +54,20 @@ class Journal:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except ImportError:
             pass
-        except OSError as error:
+        except BlockingIOError as error:
             self._file.close()
             raise LightdomeError(f"another process is writing the catalog in {folder}; wait or stop it") from error
+        except OSError as error:
+            self._file.close()
+            raise LightdomeError(f"cannot lock {path}: {error.strerror}; choose another folder") from error
         self._load()
 
     def __enter__(self) -> Journal:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._file.close()
+        with suppress(OSError):  # on a full disk, add() has raised it
+            self._file.close()
 
     def add(self, row: dict[str, Any], size: int | None, modified: int | str | None) -> None:
         """Write a row; once this returns, the row survives the end of this process."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from hashlib import sha256
@@ -16,6 +17,7 @@ import fsspec
 
 from ..errors import LightdomeError, one_line
 
+SHARE = 0.9  # of the time for a map, after which a download is given up
 WAITS = 3  # requests for a map that may go unanswered, one after the other, before its time is over
 # What file systems call the properties that change with a file's content.
 VERSIONS = (
@@ -80,11 +82,11 @@ def reason(error: Exception) -> str:
 
 
 class _Limit(fsspec.Callback):  # type: ignore[misc] # fsspec has no types
-    """Ends the transfer of a file that is larger than ``most`` bytes."""
+    """Ends the transfer of a file that is larger than ``most`` bytes or takes until the time ``end``."""
 
-    def __init__(self, most: int) -> None:
+    def __init__(self, most: int, end: float) -> None:
         super().__init__()
-        self.most = most
+        self.most, self.end = most, end
 
     def set_size(self, size: int | None) -> None:
         self._check(size or 0)
@@ -96,6 +98,8 @@ class _Limit(fsspec.Callback):  # type: ignore[misc] # fsspec has no types
     def _check(self, size: int) -> None:
         if size > self.most:
             raise LightdomeError(f"the file is larger than {self.most / 1e6:.0f} MB; raise --limit-memory")
+        if time.monotonic() > self.end:
+            raise LightdomeError("the server is too slow; raise --timeout")
 
 
 class Remote:
@@ -106,6 +110,7 @@ class Remote:
 
     def __init__(self, url: str, seconds: float) -> None:
         self.url = url
+        self._end = time.monotonic() + SHARE * seconds
         try:
             self._files, self._path = file_system(url, seconds / WAITS)
             info = self._files.info(self._path)
@@ -115,12 +120,12 @@ class Remote:
         self.version = " ".join([str(info.get("size")), *versions]) if versions else None
 
     @contextmanager
-    def copied(self, most: int) -> Iterator[Path]:
-        """A temporary copy. Raises :class:`LightdomeError` if it has more than ``most`` bytes or ends too soon."""
-        with tempfile.TemporaryDirectory(prefix="lightdome-") as folder:
+    def copied(self, most: int, below: str | None = None) -> Iterator[Path]:
+        """A copy in ``below``. Raises :class:`LightdomeError` beyond ``most`` bytes or if it ends too soon."""
+        with tempfile.TemporaryDirectory(prefix="lightdome-", dir=below) as folder:
             path = Path(folder) / f"map{os.path.splitext(self._path.partition('?')[0])[1]}"  # noqa: PTH122 - of a URL
             try:
-                self._files.get_file(self._path, str(path), callback=_Limit(most))
+                self._files.get_file(self._path, str(path), callback=_Limit(most, self._end))
             except Exception as error:
                 raise self._error(error) from error
             yield path

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import math
+import os
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
@@ -103,17 +105,22 @@ class Row:
         self.values[f"seconds_{stage}"] = time.perf_counter() - begin
 
 
-def digest(path: Path) -> tuple[str, int]:
-    """SHA-256 and size in bytes of a file. Raises :class:`LightdomeError` if it cannot be read."""
-    found, size = hashlib.sha256(), 0
+def identity(status: os.stat_result) -> tuple[int, int, int]:
+    """Size in bytes, modification time and number of a file: another one has another."""
+    return status.st_size, status.st_mtime_ns, status.st_ino
+
+
+def digest(path: Path) -> tuple[str, tuple[int, int, int]]:
+    """SHA-256 of a file, and its identity before it was read. Raises :class:`LightdomeError` if it cannot be read."""
+    found = hashlib.sha256()
     try:
         with path.open("rb") as file:
+            before = identity(os.fstat(file.fileno()))
             while block := file.read(BLOCK):
                 found.update(block)
-                size += len(block)
     except OSError as error:
         raise LightdomeError(f"cannot read {path}: {error.strerror}") from error
-    return found.hexdigest(), size
+    return found.hexdigest(), before
 
 
 class HeldRows(ImageRows):
@@ -172,14 +179,9 @@ def read(path: Path, memory: int) -> ReadMap:
 
 def _step(image: ImageRows, memory: int) -> int:
     """The side, in pixels, of the squares to average so that the map fits into memory; 1 if it fits as it is."""
-    step = 1
-    while BYTES_PER_PIXEL * image.height * image.width > memory * step**2:
-        step += 1
-        while image.height % step or image.width % step:
-            step += 1
-            if step > image.height:
-                raise LightdomeError(f"{image.width} x {image.height} pixels do not fit into a worker's memory")
-    return step
+    least = max(1, math.ceil(math.sqrt(BYTES_PER_PIXEL * image.height * image.width / memory)))
+    whole = (step for step in range(least, 2 * least) if not (image.height % step or image.width % step))
+    return next(whole, least)
 
 
 def fill(row: Row, of: ReadMap, device: Device, options: Options, name: str) -> None:

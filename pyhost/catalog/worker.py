@@ -9,19 +9,21 @@ from __future__ import annotations
 import faulthandler
 import math
 import os
-import re
 import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import cache
-from pathlib import Path, PurePosixPath
+from pathlib import Path
+
+import OpenImageIO as oiio
+from distributed import get_worker
 
 from .. import __version__, progress
 from ..errors import LightdomeError, one_line, shown
 from ..opencl.device import Device, open_device
 from .remote import Remote, is_url, name_of, without_secrets
-from .row import Options, Row, digest, fill, read
+from .row import Options, Row, digest, fill, identity, read
 
 THREADS = 2  # per worker
 # Variables from which OpenCL implementations for CPUs take their number of threads.
@@ -37,10 +39,10 @@ def opencl_threads(count: int) -> dict[str, str]:
 
 @cache  # called only under the lock
 def _device(choice: str | None) -> Device:
-    from distributed import get_worker
-
     for name, value in opencl_threads(get_worker().state.nthreads).items():
         os.environ.setdefault(name, value)  # values set when the worker was started take precedence
+    for name in ("threads", "exr_threads"):
+        oiio.attribute(name, int(os.environ[THREAD_VARIABLES[0]]))
     return open_device(choice)
 
 
@@ -105,19 +107,21 @@ def work(source: str, options: Options, key: str, known: Sequence[str], version:
                         if version is not None and version == row.version:
                             row.values["sha256"] = known[0]
                             return row
-                        path = held.enter_context(remote.copied(options.memory))
+                        path = held.enter_context(remote.copied(options.memory, get_worker().local_directory))
                     else:
                         path = Path(source)
-                    row.values["sha256"], row.values["size_bytes"] = digest(path)
+                    row.values["sha256"], before = digest(path)
+                    row.values["size_bytes"] = before[0]
                 if row.values["sha256"] in known:
                     return row
                 with row.timed("read"):
                     found = read(path, options.memory)
-            with _computing:
+            with _computing, _watch().at_most(seconds):
                 device = _device(options.device)
                 row.values["device"] = device.description
-                with _watch().at_most(seconds):
-                    fill(row, found, device, options, _name(name, row.values["sha256"]))
+                fill(row, found, device, options, row.values["sha256"][:16])
+                if identity(path.stat()) != before:
+                    raise LightdomeError(f"{path} changed while it was being read")
                 device.profile.clear()
                 device.decisions.take()
         row.values = {name: None if _is_no_number(value) else value for name, value in row.values.items()}
@@ -132,9 +136,3 @@ def work(source: str, options: Options, key: str, known: Sequence[str], version:
 
 def _is_no_number(value: object) -> bool:
     return isinstance(value, float) and not math.isfinite(value)
-
-
-def _name(path: str, sha256: str) -> str:
-    """A short name for the files of a map, different for each content."""
-    stem = re.sub(r"[^\w.-]", "_", PurePosixPath(path.partition("?")[0] if is_url(path) else path).stem)[:80]
-    return f"{stem}-{sha256[:12]}"

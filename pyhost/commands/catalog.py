@@ -116,7 +116,7 @@ def catalog(args: argparse.Namespace) -> None:
 
     try:
         memory = int(parse_bytes(args.limit_memory))
-    except ValueError as error:
+    except (ValueError, OverflowError) as error:
         raise LightdomeError(f"--limit-memory must be a size such as 4GB or 2GiB, got {args.limit_memory}") from error
     if memory < LEAST:
         raise LightdomeError(f"--limit-memory must be at least 1GB, got {args.limit_memory}")
@@ -141,13 +141,13 @@ def catalog(args: argparse.Namespace) -> None:
         run = Run(maps, options, journal, out, args.timeout)
         if run.waiting:
             compute(run, place)
-        computed = run.total - run.known
         wanted = columns(options)
         table.write_parquet(out / "catalog.parquet", wanted, lambda: rows(journal, maps), len(maps))
         table.write_csv(out / "catalog.csv", wanted, lambda: rows(journal, maps))
         write_page(out / "index.html", options, lambda: rows(journal, maps))
         failed = sum(not journal.entries[name].is_done for name in maps)
-    plural, known = "s" if len(maps) > 1 else "", len(maps) - computed
+    computed = run.total - run.known - failed
+    plural, known = "s" if len(maps) > 1 else "", len(maps) - computed - failed
     print(f"{len(maps)} map{plural}: {computed} computed, {known} already known, {failed} failed")
     print(f"wrote {out / 'catalog.parquet'}, catalog.csv and index.html")
 
@@ -184,10 +184,9 @@ def cores() -> int:
 
 def count(text: str) -> int:
     """Argument type: a whole number from 0 to 4194304."""
-    value = 0 if text == "0" else cli.positive_int(text)
-    if value > MOST:
+    if not (text.isdecimal() and int(text) <= MOST):
         raise argparse.ArgumentTypeError(f"{text} is not a whole number from 0 to {MOST}")
-    return value
+    return int(text)
 
 
 def order(text: str) -> int | None:

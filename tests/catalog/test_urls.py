@@ -9,7 +9,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -66,6 +66,12 @@ class Handler(SimpleHTTPRequestHandler):
         elif name == "stalling.exr":
             self.answer(200, content[:100], length=len(content))
             self.server.closing.wait(LONG)
+        elif name == "slow.exr":
+            self.answer(200, b"", length=len(content))
+            with suppress(OSError):
+                for n in range(len(content)):
+                    self.wfile.write(content[n : n + 1])
+                    time.sleep(0.05)
         elif name == "moved.exr":
             self.answer(302, b"", to="/m1.exr")
         elif name == "local.exr":
@@ -198,6 +204,14 @@ def test_a_silent_server_is_given_up_before_its_map_would_end_the_worker(server:
     with pytest.raises(LightdomeError, match=r"cannot list .*Timeout"):
         find([f"{server.base}/silent"], 0.4)
     assert time.monotonic() - begin < 30
+
+
+def test_a_slow_download_is_given_up_and_leaves_no_file(server: Server, tmp_path: Path) -> None:
+    (tmp_path / "worker").mkdir()
+    remote = Remote(f"{server.base}/slow.exr", 0.6)
+    with pytest.raises(LightdomeError, match="too slow"), remote.copied(1 << 20, str(tmp_path / "worker")):
+        pass
+    assert not list((tmp_path / "worker").iterdir())
 
 
 def test_a_url_is_read_again_only_if_its_version_is_another(client: Client, server: Server, tmp_path: Path) -> None:
