@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import CancelledError
 from dataclasses import dataclass, field
+from importlib import import_module
 from itertools import islice
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -23,7 +24,7 @@ from ..progress import Progress
 from .journal import NAME, Entry, Journal
 from .remote import is_url
 from .row import Options, Row
-from .worker import work
+from .worker import opened, work
 
 AHEAD = 2  # maps submitted per thread of the cluster
 POLL = 1.0  # seconds between checks of the cluster
@@ -75,6 +76,7 @@ class Run:
     def _compute(self, client: Client) -> None:
         self.client, waiting = client, self.waiting
         self._wait_for_worker()
+        self._check()
         begin = time.monotonic()
         with Progress("maps") as progress:
             while waiting or self._flying or self._suspects:
@@ -93,6 +95,24 @@ class Run:
                 rate = self.done / (time.monotonic() - begin)
                 progress.label = f"{self.done} of {self.total} maps, {rate:.2g} per second"
                 progress.update(self.done / self.total)
+
+    def _check(self) -> None:
+        """Raises :class:`LightdomeError` if the workers' lightdome or device cannot compute a map."""
+        # A lambda is sent as code, so that a worker without lightdome can say so.
+        versions = self.client.run(lambda: import_module("lightdome").__version__, on_error="return")
+        for found in versions.values():
+            if isinstance(found, ImportError):
+                raise LightdomeError(f"the workers cannot import lightdome: {one_line(found)}") from found
+            if isinstance(found, str) and found != __version__:
+                raise LightdomeError(f"the workers have lightdome {found}, not {__version__}")
+        choice = self.options.device, self.seconds
+        for future in [
+            self.client.submit(opened, *choice, workers=address, allow_other_workers=True, pure=False)
+            for address in versions
+        ]:
+            error = future.exception(self.seconds + ALONE)
+            if isinstance(error, LightdomeError):
+                raise error
 
     def _new(self) -> deque[str]:
         """The maps without a row, with a failed row, or whose files may have changed since."""

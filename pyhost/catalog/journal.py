@@ -1,7 +1,8 @@
 """The journal of a catalog: one line of JSON per finished row, appended as it arrives. The table is made from it.
 
 A killed process loses no line that it has written; a line cut short is skipped. A row is valid only for the content,
-version and options that produced it. The values stay in the file; memory holds only their positions.
+version and options that produced it, and while its files exist. The values stay in the file; memory holds only their
+positions.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ class Journal:
     """
 
     def __init__(self, folder: Path, key: str) -> None:
-        self.key = key
+        self.folder, self.key = folder, key
         self.entries: dict[str, Entry] = {}
         self.by_size: dict[int | None, dict[str, Entry]] = {}
         path = folder / NAME
@@ -89,13 +90,17 @@ class Journal:
         for line in self._file:
             try:
                 content = json.loads(line)
-                if content["key"] == self.key:
+                if content["key"] == self.key and self._has_files(content["row"]):
                     self._note(offset, content)
             except (ValueError, KeyError, TypeError):
                 pass  # a line that was cut short
             offset += len(line)
         if not line.endswith(b"\n"):
             self._file.write(b"\n")
+
+    def _has_files(self, row: dict[str, Any]) -> bool:
+        """Whether the files of a row are still there."""
+        return all((self.folder / file).exists() for name, file in row.items() if name.endswith("_file") and file)
 
     def _note(self, offset: int, line: dict[str, Any]) -> None:
         row = line["row"]

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from .. import __version__
-from ..files import cannot_write, replacing, write_table
+from ..files import cannot_write, write_table
 from .columns import Column
 
 PARTITION = 10_000  # rows per file
@@ -41,29 +41,29 @@ def schema(columns: list[Column]) -> pa.Schema:
 
 def write_parquet(path: Path, columns: list[Column], rows: Rows, count: int) -> None:
     """Write a file or, for more than :data:`PARTITION` rows, a folder of files under the same name."""
-    if count <= PARTITION:
-        if path.is_dir():
-            shutil.rmtree(path)
-        with replacing(path) as temporary:
-            _write(temporary, columns, rows())
-        return
     name = f".{path.stem}.{secrets.token_hex(4)}"
     new, old = path.with_name(f"{name}.new"), path.with_name(f"{name}.old")
     try:
-        new.mkdir()
         left = rows()
-        for part in range(-(-count // PARTITION)):
-            _write(new / f"part-{part:05}.parquet", columns, islice(left, PARTITION))
+        if count <= PARTITION:
+            _write(new, columns, left)
+        else:
+            new.mkdir()
+            for part in range(-(-count // PARTITION)):
+                _write(new / f"part-{part:05}.parquet", columns, islice(left, PARTITION))
         if path.exists():
             path.rename(old)
         new.rename(path)
-        if old.is_dir():
-            shutil.rmtree(old)
-        old.unlink(missing_ok=True)
+        remove(old)
     except OSError as error:
         raise cannot_write(path, error.strerror or str(error)) from error
     finally:
-        shutil.rmtree(new, ignore_errors=True)
+        remove(new)
+
+
+def remove(path: Path) -> None:
+    """Remove a file or a folder, if it is there."""
+    shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
 
 
 def _write(path: Path, columns: list[Column], rows: Iterator[dict[str, Any]]) -> None:

@@ -46,6 +46,12 @@ def _device(choice: str | None) -> Device:
     return open_device(choice)
 
 
+def opened(choice: str | None, seconds: float) -> None:
+    """Open the device ahead of the first map. Raises :class:`LightdomeError` if there is none."""
+    with _computing, _watch().at_most(seconds):
+        _device(choice)
+
+
 class _Watch:
     """Ends the process if any of its threads exceeds its time limit."""
 

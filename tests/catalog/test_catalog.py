@@ -378,6 +378,12 @@ def test_the_page_sorts_and_filters_ten_thousand_rows_in_a_browser(tmp_path: Pat
         window.get_by_label("filter status").fill("failed")
         assert "<b>damaged</b>" in window.locator("#body .row").first.inner_text()
         window.get_by_label("filter status").fill("")
+        for label, text, count in (
+            ("clipping", "clipped", "6,666"), ("stops", "<2e-2", "0"), ("stops", "1e0..2.5e0", "680"),
+        ):  # fmt: skip
+            window.get_by_label(f"filter {label}").fill(text)
+            assert window.inner_text("#summary").startswith(f"{count} of"), window.inner_text("#summary")
+            window.get_by_label(f"filter {label}").fill("")
         window.evaluate("document.getElementById('view').scrollTop = 1e9")
         window.wait_for_function("document.querySelector('#body .row:last-child').ariaRowIndex === '10001'")
         assert not errors
@@ -470,6 +476,28 @@ def test_bad_arguments_are_told_in_one_line(run_here: Script, library: Path, tmp
         assert result.returncode in (1, 2)
         assert words in result.stderr.splitlines()[-1]
         assert "Traceback" not in result.stderr
+
+
+def test_workers_that_cannot_compute_end_the_run(client: Client, library: Path, tmp_path: Path) -> None:
+    with pytest.raises(LightdomeError, match="nothing"):
+        computed_here(client, library, tmp_path, Options(device="nothing"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(computing, "__version__", "0.0.1")
+        with pytest.raises(LightdomeError, match=r"the workers have lightdome .*, not 0.0.1"):
+            computed_here(client, library, tmp_path, Options())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, "lightdome", None)
+        with pytest.raises(LightdomeError, match="the workers cannot import lightdome"):
+            computed_here(client, library, tmp_path, Options())
+
+
+def test_files_that_were_removed_are_made_again(client: Client, library: Path, tmp_path: Path) -> None:
+    options = Options(harmonics=None, lights=0, thumbnails=True)
+    _, found = computed_here(client, library / "m0.pfm", tmp_path, options)
+    picture = tmp_path / found["m0.pfm"]["sphere_file"]
+    picture.unlink()
+    assert computed_here(client, library / "m0.pfm", tmp_path, options)[0] == 1
+    assert picture.exists()
 
 
 def test_a_row_belongs_to_one_version_and_its_options(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -105,13 +105,13 @@ class Trial:
                 process.kill()
                 process.communicate()
             else:
-                workers = workers_of(process.pid)
-                if workers:
-                    random.choice(workers).send_signal(signal.SIGKILL)
-                self.end(process)
+                with suppress(IndexError, psutil.Error):  # the run may be over
+                    random.choice(workers_of(process.pid)).send_signal(signal.SIGKILL)
         finished = done(out)
         half = incomplete(out)
-        if kind != "worker":
+        if kind == "worker":
+            self.end(process)
+        else:
             self.complete(out)
         return Outcome(kind, rows, len(finished), self._lost(out, finished), table(out) == self.expected, half)
 
