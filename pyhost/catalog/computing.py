@@ -157,7 +157,7 @@ class Run:
                 return
             took = time.monotonic() - flight.since
             why = f"it took more than {self.seconds:g} s" if took >= self.seconds else "its worker process died"
-            row = _failed(flight.name, f"{why}, twice: skipped")
+            row = _failed(flight.name, f"{why}, again when alone: skipped")
         except (OSError, TimeoutError, CancelledError):
             raise
         except Exception as error:

@@ -41,15 +41,21 @@ def main() -> None:
         "maps",
         nargs="+",
         metavar="PATH",
-        help="maps, folders to search, globs, .txt files that list such paths, one per line, or URLs that fsspec reads",
+        help="maps, folders, globs, URLs that fsspec reads, or .txt files with one of these per line",
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write to")
-    parser.add_argument("--lights", type=count, default=16, metavar="N", help="lights by median cut; 0 for none")
+    parser.add_argument(
+        "--lights", type=count, default=16, metavar="N", help="number of lights per map, by median cut; 0 for none"
+    )
     parser.add_argument(
         "--harmonics", type=order, default=2, metavar="L", help="order of the harmonics, 0 to 64, or 'none'"
     )
     parser.add_argument(
-        "--samples", type=count, default=0, metavar="N", help="write N Sobol samples of each map to a file in samples/"
+        "--samples",
+        type=count,
+        default=0,
+        metavar="N",
+        help="write N Sobol samples of each map to a file in samples/; 0 for no file",
     )
     parser.add_argument(
         "--light-files",
@@ -63,7 +69,11 @@ def main() -> None:
         help="write a picture of each map, and of a sphere lit by it, to thumbnails/",
     )
     parser.add_argument(
-        "--workers", type=cli.positive_int, default=cores(), metavar="N", help="number of processes on this machine"
+        "--workers",
+        type=cli.positive_int,
+        default=cores(),
+        metavar="N",
+        help="number of processes on this machine; ignored with --scheduler or --scheduler-file",
     )
     place = parser.add_mutually_exclusive_group()
     place.add_argument("--scheduler", metavar="ADDRESS", help="compute on this Dask cluster: tcp://HOST:PORT")
@@ -81,14 +91,14 @@ def main() -> None:
         "--limit-memory",
         default="4GB",
         metavar="SIZE",
-        help="memory per worker; maps that need more are read in bands",
+        help="memory per worker; larger latitude-longitude maps are read in bands",
     )
     parser.add_argument(
         "--timeout",
         type=cli.positive_float,
         default=600,
         metavar="SECONDS",
-        help="give up on a map that takes longer to read or to compute",
+        help="give up on a map that takes longer to read or to compute; for each of the two",
     )
     cli.device_option(parser)
     args = parser.parse_args()
