@@ -14,7 +14,8 @@
 //
 // Arguments are those of pixel_block.clh, and
 //
-// row_cdf, marginal_cdf  of S - offset
+// row_cdf, marginal_cdf, strips
+//                        of S - offset
 // edge                   cos(theta) at the height + 1 borders of rows
 // offset                 in units of the scaled map
 // seed                   pixel i's light samples take points of stream i, its cosine samples those of stream 2^31 + i
@@ -82,6 +83,8 @@ static inline void add_cosine_samples(const light_map *light, private const bloc
 kernel void render_mis(global const float *restrict radiance,
                        global const uint *restrict row_cdf,
                        global const uint *restrict marginal_cdf,
+                       global const uint4 *restrict strips,
+                       const uint strip_bits,
                        global const uint2 *restrict marginal_guide,
                        global const uint2 *restrict row_guide,
                        global const uint *restrict row_total,
@@ -102,7 +105,8 @@ kernel void render_mis(global const float *restrict radiance,
                        global float *restrict sum)
 {
     const light_map light = {
-        .map = {row_cdf, marginal_cdf, marginal_guide, row_guide, row_total, marginal_shift, row_shift, width, height},
+        .map = {strips, row_cdf, marginal_cdf, marginal_guide, row_guide, row_total, strip_bits, marginal_shift,
+                row_shift, width, height},
         .radiance = radiance,
         .edge = edge,
         .scale = scale,
