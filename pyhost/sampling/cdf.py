@@ -1,4 +1,4 @@
-"""The two-dimensional CDF of a map: over its strips, over the rows of each strip, and over the pixels of each row in it.
+"""The CDFs of a map: over its strips, over the rows of each strip, and over the pixels of each row in a strip.
 
 CDFs are integers, see ``clkernels/common/prefix_sum.clh``. Kernels: ``row_cdf.cl``, ``marginal_cdf.cl``.
 """
