@@ -50,7 +50,7 @@ kernel void marginal_cdf(global const float2 *restrict row_sum,
         for (uint y = whole; y < height; ++y)
             cdf[y] = as_uint(g[y - whole]);
     }
-    const float2 sum = sum_of_double_words(hi, lo);
+    const float2 sum = sum_of_lanes_in_order(hi, lo);
     total[strip] = sum;
     weights_to_cdf(cdf, height, sum.x);
 }

@@ -52,7 +52,7 @@ kernel void marginal_cdf_grouped(global const float2 *restrict row_sum,
     }
     barrier(CLK_LOCAL_MEM_FENCE);
     if (i == 0)
-        total[strip] = terms[0] = sum_of_double_words(vload16(0, lanes), vload16(1, lanes));
+        total[strip] = terms[0] = sum_of_lanes_in_order(vload16(0, lanes), vload16(1, lanes));
     barrier(CLK_LOCAL_MEM_FENCE);
 
     const float2 scale = quantisation(terms[0].x);

@@ -84,7 +84,7 @@ kernel void row_cdf_grouped(global const float *restrict radiance,
     }
     barrier(CLK_LOCAL_MEM_FENCE);
     if (i < strips) {
-        const float2 sum = sum_of_double_words(vload16(2 * i, lanes), vload16(2 * i + 1, lanes));
+        const float2 sum = sum_of_lanes_in_order(vload16(2 * i, lanes), vload16(2 * i + 1, lanes));
         row_sum[i * (size_t)height + y] = sum;
         to_integers[i] = quantisation(sum.x);
     }

@@ -148,8 +148,8 @@ def test_the_same_seed_gives_the_same_samples_everywhere(device: Device) -> None
     assert samples.probability.view(np.uint32).tolist() == RECORDED_BITS
 
 
-RECORDED_PIXELS = [[92, 43], [11, 31], [86, 24], [51, 40], [124, 32], [39, 13]]
-RECORDED_BITS = [962506722, 965082066, 964302402, 959154522, 963718062, 953574041]
+RECORDED_PIXELS = [[92, 43], [10, 31], [86, 24], [50, 40], [124, 32], [40, 13]]
+RECORDED_BITS = [962506722, 959327685, 964302402, 950765914, 963718062, 958720354]
 
 
 def philox(counter: list[int], key: list[int]) -> list[int]:
