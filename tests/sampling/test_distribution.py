@@ -82,6 +82,7 @@ def test_a_row_cdf_is_the_exact_sum_of_rounded_weights(device: Device, width: in
     radiance = stiff_radiance(8, width)
     radiance[0] *= np.float32(2.0**100)
     radiance[2] *= np.float32(2.0**-105)  # 2^k is above the largest float32
+    radiance[4] *= np.float32(2.0**-140)  # the sum is subnormal
     of_map = replace(DeviceMap.of(device, EnvironmentMap(radiance)), scale=scale)
     built = build_row_cdfs(of_map, offset)
     cdfs, row_sums = memory.download(device, built.cdf), memory.download(device, built.sums)
