@@ -18,7 +18,7 @@ from .strips import strip_bits
 if TYPE_CHECKING:
     from ..opencl.device import Device
 
-BUCKETS_PER_ROW = 4.0  # in the one table for the CDF over rows
+BUCKETS_PER_ROW = 4.0  # in the tables for the CDFs over rows
 BUCKETS_PER_PIXEL = 1.0
 MAX_BUCKETS = 2**26  # of all rows together: half a gibibyte
 
