@@ -19,7 +19,7 @@ import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -34,7 +34,13 @@ from lightdome.opencl import device
 
 pytestmark = pytest.mark.slow
 
-PAGES = [*ROOT.glob("*.md"), ROOT / "data" / "README.md", *(ROOT / "docs").rglob("*.md")]
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    ROOT / "data" / "README.md",
+    *sorted((ROOT / "docs").rglob("*.md")),
+]
+PAGES += sorted(path for path in ROOT.glob("*.md") if path not in PAGES)
 LANGUAGES = {"sh", "python", "math", "bibtex", "text"}
 NOT_RUN = "# not run by the tests: "
 
@@ -48,8 +54,11 @@ CHEAP = {
     "scripts/test": "--collect-only tests/sampling/test_sequences.py",
 }
 
-# Commands that run once: the programs, if they do not read or write existing files.
-BY_ITSELF = ("scripts/bench.py", "scripts/test", ".venv/bin/lightdome devices")
+# test_notebooks.py runs the tutorial's programs, as notebooks.
+ELSEWHERE = ".venv/bin/python docs/tutorial/"
+
+# Commands that run only for the first page that has them: they need no files of that page.
+BY_ITSELF = ("scripts/demo", "scripts/bench.py", "scripts/test", ".venv/bin/lightdome devices")
 
 # What a page's commands need beyond the extra [test].
 NEEDS = {"catalog.md": ("distributed", "pyarrow")}
@@ -90,9 +99,7 @@ def clone(tmp_path: Path) -> Path:
     for path in ROOT.iterdir():
         if path.name not in (".git", ".venv", "out", "data", "docs", "scripts"):
             (tmp_path / path.name).symlink_to(path)
-    shutil.copytree(ROOT / "docs" / "tutorial", tmp_path / "docs" / "tutorial")
-    for lesson in (tmp_path / "docs" / "tutorial").glob("*.py"):
-        lesson.write_text(re.sub("^SIZE = .*", "SIZE = 31", lesson.read_text(encoding="utf-8"), flags=re.MULTILINE))
+    (tmp_path / "docs").mkdir()
     (tmp_path / "docs" / "teaching").symlink_to(ROOT / "docs" / "teaching")
     (tmp_path / ".venv").symlink_to(sys.prefix)
     (tmp_path / "data").mkdir()
@@ -107,10 +114,19 @@ def clone(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.fixture(scope="module")
-def ran() -> set[str]:
-    """The run-once commands of other pages."""
-    return set()
+def run_by(pages: Sequence[Path]) -> set[str]:
+    """The commands that pages run."""
+    texts = [path.read_text(encoding="utf-8") for path in pages]
+    return {
+        command for text in texts for language, block in blocks(text) if language == "sh" for command in commands(block)
+    }
+
+
+def has_run(command: str, page: Path) -> bool:
+    """Whether an earlier page, or another test, runs a command."""
+    if command.startswith(ELSEWHERE):
+        return True
+    return command.startswith(BY_ITSELF) and command in run_by(PAGES[: PAGES.index(page)])
 
 
 def cheap(command: str) -> str:
@@ -165,9 +181,7 @@ def run_inside(clone: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Path, 
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_commands_and_programs_run(
-    page: Path, clone: Path, ran: set[str], run_inside: Callable[[Path, str], None]
-) -> None:
+def test_commands_and_programs_run(page: Path, clone: Path, run_inside: Callable[[Path, str], None]) -> None:
     for needed in NEEDS.get(page.name, ()):
         pytest.importorskip(needed, reason="needs the extra [cluster]")
     run_it = run if page == ROOT / "README.md" else run_inside
@@ -175,10 +189,8 @@ def test_commands_and_programs_run(
         assert language in LANGUAGES, f"a block tagged {language!r}"
         if language == "sh":
             for command in commands(block):
-                if command not in ran:
+                if not has_run(command, page):
                     run_it(clone, command)
-                if command.startswith(BY_ITSELF):
-                    ran.add(command)
         elif language == "python":
             (clone / "block.py").write_text(block.replace("resolution=511", "resolution=51"))
             run_it(clone, "python block.py")
@@ -251,7 +263,6 @@ def test_help_says_the_defaults_and_has_an_example(
 
 def test_examples_in_the_help_run(
     clone: Path,
-    ran: set[str],
     run_inside: Callable[[Path, str], None],
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -261,7 +272,7 @@ def test_examples_in_the_help_run(
         capsys.readouterr()
         run_inside(clone, f"scripts/{name}.py --help")
         (example,) = EXAMPLE.findall(capsys.readouterr().out)
-        if example not in ran:
+        if example not in run_by(PAGES):
             run_inside(clone, example)
 
 

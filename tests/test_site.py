@@ -20,7 +20,7 @@ pytestmark = pytest.mark.slow
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of the site, which no warning stopped."""
     for name in ("mkdocs", "material", "mkdocstrings_handlers"):
-        pytest.importorskip(name, reason="needs the extra [docs]")
+        pytest.importorskip(name, reason="needs the extra [docs], on Python 3.11 or newer")
     folder = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
     result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=LONG)

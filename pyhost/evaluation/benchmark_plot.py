@@ -135,7 +135,7 @@ def _label_ends(
     The axes grow to hold them. Widths and heights of names are approximate fractions of the axes.
     """
     (left, right), (low, high) = np.log(axes.get_xlim()), np.log(axes.get_ylim())
-    widths = [0.03 + 0.0105 * len(name) for _, _, name in ends]
+    widths = [0.03 + 0.0085 * len(name) for _, _, name in ends]
     right = max(
         [right, *(left + (np.log(x) - left) / (1 - width) for (x, _, _), width in zip(ends, widths, strict=True))]
     )

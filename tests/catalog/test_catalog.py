@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import LONG, stiff_radiance
+from lightdome import progress
 from lightdome.commands.catalog import clear
 from lightdome.errors import LightdomeError
 from lightdome.lighting.harmonics import project
@@ -234,11 +235,13 @@ def test_the_table_is_the_same_for_any_number_of_workers(maps: Path, tmp_path: P
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[Client]:
-    """A client of a cluster in this process."""
+    """A client of a cluster in this process, which stays silent only while it is a worker."""
     with (
+        pytest.MonkeyPatch.context() as patch,
         LocalCluster(processes=False, n_workers=1, threads_per_worker=2, dashboard_address="127.0.0.1:0") as cluster,
         Client(cluster, set_as_default=False) as client,
     ):
+        patch.setattr(progress, "LINE_PATIENCE", progress.LINE_PATIENCE)
         yield client
 
 

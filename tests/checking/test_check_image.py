@@ -115,6 +115,7 @@ def test_exact_images_agree_without_a_number_of_samples(
         assert references[1.0].check(exact(device, lamps, 101, pixels=pixels)).agrees
 
 
+@pytest.mark.slow
 def test_without_a_number_of_samples_only_a_gross_mistake_is_named(
     lamps: EnvironmentMap, references: dict[float, Reference], image: np.ndarray
 ) -> None:
@@ -172,6 +173,7 @@ def test_the_brightness_of_a_picture_does_not_matter(
     assert references[1.0].check(np.ones_like(image), COUNT, linear=False).agrees is None
 
 
+@pytest.mark.slow
 def test_an_unknown_mistake_is_not_named(references: dict[float, Reference], image: np.ndarray) -> None:
     noise = np.random.default_rng(0).random(image.shape).astype(np.float32)
     assert "does not look like a sphere" in references[1.0].check(noise, COUNT).verdict
