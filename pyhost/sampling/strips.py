@@ -10,7 +10,7 @@ from itertools import accumulate, pairwise
 import numpy as np
 
 LANES = 16  # strips begin at multiples of it, so that vectors of a row stay whole
-MOST = 8  # strips; twice as many gain nothing
+MOST = 8  # strips, as in strips.clh; twice as many would gain a few percent
 WHOLE = 2**32  # points
 
 

@@ -423,7 +423,7 @@ FAULTS: list[Fault] = [
         "places: a point of a strip that leaves one less is counted out",
         "within_pixel.clh",
         "points + (left < rest ? 1ul : 0ul)",
-        "points",
+        "points + 0ul",
         "a correction left out",
     ),
     kernel(
