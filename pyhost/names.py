@@ -72,11 +72,12 @@ class Estimator:
 
     - ``pixels``: how it treats the map's pixels, and so which exact image it converges to. With ``centres`` there is
       also a kernel ``rendering/render_NAME_areas.cl``, for directions anywhere within a pixel
-    - ``operations``: per sample from a Sobol point, as :mod:`lightdome.evaluation.roofline_stages` counts them
+    - ``operations``: per direction from a Sobol point that the light samples, and per one that the cosine samples, as
+      :mod:`lightdome.evaluation.roofline_stages` counts them
     """
 
     pixels: Literal["centres", "areas"]
-    operations: int
+    operations: tuple[int, int]
 
 
 # Operations common to all: a Sobol point (two coordinates, each scrambled and bit-reversed), the cosine (3), its
@@ -86,10 +87,11 @@ _LIGHT = _SAMPLE + 2  # sin(theta) cos(phi) and sin(theta) sin(phi)
 _BSDF = _SAMPLE + 2 + 12 + 12 + 24  # square roots, sine and cosine, a frame around n, two arctangents
 
 ESTIMATORS = {
-    "light": Estimator("centres", _LIGHT),
-    "bsdf": Estimator("areas", _BSDF),
-    "mis": Estimator("areas", _LIGHT + 12 + 8 + _BSDF + 4),  # a place in the pixel, its sine and cosine; two weights
-    "product": Estimator("centres", _LIGHT),
+    "light": Estimator("centres", (_LIGHT, 0)),
+    "bsdf": Estimator("areas", (0, _BSDF)),
+    # A place in the pixel, its sine and cosine; the weight.
+    "mis": Estimator("areas", (_LIGHT + 12 + 7, _BSDF + 7)),
+    "product": Estimator("centres", (_LIGHT, 0)),
 }
 
 

@@ -47,6 +47,7 @@ NOT_RUN = "# not run by the tests: "
 # What makes a command cheap; the last of two equal options counts.
 CHEAP = {
     "python tests/tools/check_table.py": "--maps 1",
+    "python tests/tools/coverage_table.py": "--runs 1 --resolution 9",
     "python tests/tools/fuzz.py": "--count 5",
     "scripts/bench.py": "--methods sobol --resolution 31 --counts 16 --spp 2 --seeds 1 --repeats 1",
     "scripts/part3_shade.py": "--resolution 31",

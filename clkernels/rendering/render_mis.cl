@@ -1,13 +1,17 @@
-// Per-pixel Monte Carlo of the diffuse sphere: one direction sampled by the light and one by the cosine, both weighted.
+// Per-pixel Monte Carlo of the diffuse sphere: directions sampled by the light and by the cosine, all weighted.
 //
-// The densities are p_light = S / F and p_bsdf = c / pi; with q = S k, pi p_light = q and pi p_bsdf = c. By the power
-// heuristic (Veach 1997, 9.2.4; Pharr et al., 4th ed., 2.2.3) the image is albedo F / pi times the mean over samples of
+// Of the 2 spp directions of a pixel, the light samples n_light and the cosine n_cosine, at least one each. Their
+// densities are p_light = S / F and p_bsdf = c / pi. With
 //
-//     c L / S x q^2 / (q^2 + c^2)        of the direction sampled by the light
-//         L k x c^2 / (q^2 + c^2)        of the direction sampled by the cosine
+//     q = S x pi / F x n_light / n_cosine,    k = pi / F x spp / n_cosine
 //
-// No term is above 1, so nothing overflows whatever the range of the map. MIS compensation (Karlik et al. 2019) puts
-// max(0, S - offset) in place of S in the light's density, and its integral in place of F; L stays the map's.
+// n_light p_light is to n_cosine p_bsdf as q to c. By the balance heuristic (Veach 1997, 9.2.2; Pharr et al., 4th ed.,
+// 2.2.3) the image is albedo F / pi times the sum over all directions, whichever sampled them, divided by spp, of
+//
+//     L k c / (q + c)
+//
+// No term is above spp / n_light, so nothing overflows whatever the range of the map. MIS compensation (Karlik et al.
+// 2019) puts max(0, S - offset) in place of S in q, and its integral in place of F; L stays the map's.
 //
 // The cosine's directions fall anywhere in a pixel, whose radiance is constant over its area. The light's directions
 // are uniform over its solid angle. So this converges to the integral over areas (exact_areas.cl).
@@ -18,6 +22,7 @@
 //                        of S - offset
 // edge                   cos(theta) at the height + 1 borders of rows
 // offset                 in units of the scaled map
+// spp, n_light           see above; a launch adds the parts of the light's and of the cosine's samples from begin to end
 // seed                   pixel i's light samples take points of stream i, its cosine samples those of stream 2^31 + i
 //
 // One work-item per BLOCK pixels.
@@ -31,53 +36,49 @@ typedef struct {
     global const float *edge;
     float scale;
     float offset;
+    float density;
     float k;
 } light_map;
 
-// q of a pixel of the map.
-static inline wide light_density(const light_map *light, private const block_rgb *L, uint k)
+// Add the terms of directions in the pixels (x, y) of the map.
+static inline void add_terms(const light_map *light, private const uint *x, private const uint *y,
+                             private const float *cosine, private block_rgb *sum)
 {
-    return fmax(radiance_sum(L, k) - light->offset, (wide)(0.0f)) * light->k;
+    block_rgb L;
+    block_radiance(light->radiance, light->map.width, light->scale, x, y, &L);
+    float weight[BLOCK];
+    for (uint k = 0; k < BLOCK; k += WIDTH) {
+        const wide q = fmax(radiance_sum(&L, k) - light->offset, (wide)(0.0f)) * light->density;
+        const wide c = LOAD_WIDE(cosine + k);
+        STORE_WIDE(light->k * c / fmax(q + c, (wide)(FLT_MIN)), weight + k);
+    }
+    block_add(sum, &L, weight);
 }
 
-// c L / S with its weight q^2 / (q^2 + c^2) is L k / (q / c + c / q): no square that could leave float's range.
 static inline void add_light_samples(const light_map *light, private const block3 *n, private const uint *across,
                                      private const uint *down, private block_rgb *sum)
 {
-    // A pixel of the map, sampled by its light, and a direction in it
     uint x[BLOCK], y[BLOCK];
     block_directions w;
+    float cosine[BLOCK];
     pick_directions(&light->map, light->edge, across, down, x, y, &w);
-
-    // L k / (q / c + c / q)
-    block_rgb L;
-    block_radiance(light->radiance, light->map.width, light->scale, x, y, &L);
-    float cosine[BLOCK], weight[BLOCK];
     block_cosines(n, &w, cosine);
-    for (uint k = 0; k < BLOCK; k += WIDTH) {
-        const wide q = light_density(light, &L, k), c = LOAD_WIDE(cosine + k);
-        STORE_WIDE(c > 0.0f && q > 0.0f ? light->k / (q / c + c / q) : (wide)(0.0f), weight + k);
-    }
-    block_add(sum, &L, weight);
+    add_terms(light, x, y, cosine, sum);
 }
 
-// L k with its weight c^2 / (q^2 + c^2) is L k / (1 + (q / c)^2).
 static inline void add_cosine_samples(const light_map *light, private const block3 *n, private const uint *across,
                                       private const uint *down, private block_rgb *sum)
 {
-    // The pixel of the map in which a direction sampled by the cosine lies
     uint x[BLOCK], y[BLOCK];
-    float cosine[BLOCK], weight[BLOCK];
+    float cosine[BLOCK];
     block_cosine_pixels(n, across, down, light->map.width, light->map.height, x, y, cosine);
+    add_terms(light, x, y, cosine, sum);
+}
 
-    // L k / (1 + (q / c)^2)
-    block_rgb L;
-    block_radiance(light->radiance, light->map.width, light->scale, x, y, &L);
-    for (uint k = 0; k < BLOCK; k += WIDTH) {
-        const wide ratio = light_density(light, &L, k) / fmax(LOAD_WIDE(cosine + k), (wide)(FLT_MIN));
-        STORE_WIDE(light->k / (1.0f + ratio * ratio), weight + k);
-    }
-    block_add(sum, &L, weight);
+// How many of `count` samples belong to the first `done` of `spp`.
+static inline uint samples_until(uint done, uint count, uint spp)
+{
+    return (uint)((ulong)done * count / spp);
 }
 
 kernel void render_mis(global const float *restrict radiance,
@@ -101,9 +102,12 @@ kernel void render_mis(global const float *restrict radiance,
                        const uint2 seed,
                        const uint begin,
                        const uint end,
+                       const uint spp,
+                       const uint n_light,
                        const int resolution,
                        global float *restrict sum)
 {
+    const uint n_cosine = 2 * spp - n_light;
     const light_map light = {
         .map = {strips, row_cdf, marginal_cdf, marginal_guide, row_guide, row_total, strip_bits, marginal_shift,
                 row_shift, width, height},
@@ -111,21 +115,26 @@ kernel void render_mis(global const float *restrict radiance,
         .edge = edge,
         .scale = scale,
         .offset = offset,
-        .k = k,
+        .density = k * ((float)n_light / (float)n_cosine),
+        .k = k * ((float)spp / (float)n_cosine),
     };
     pixel_block block;
-    begin_block(&block, disc, pixel_count, begin, seed, resolution);
-    uint second[BLOCK];
-    for (uint i = 0; i < BLOCK; ++i)
-        second[i] = block.index[i] | 0x80000000u;
-    block_streams cosine_streams;
-    begin_streams(&cosine_streams, second, begin, seed);
-
-    for (uint s = begin; s < end; ++s) {
+    uint s = samples_until(begin, n_light, spp);
+    begin_block(&block, disc, pixel_count, s, seed, resolution);
+    for (const uint last = samples_until(end, n_light, spp); s < last; ++s) {
         uint across[BLOCK], down[BLOCK];
         next_points(&block.streams, s, across, down);
         add_light_samples(&light, &block.normal, across, down, &block.samples);
-        next_points(&cosine_streams, s, across, down);
+    }
+
+    uint second[BLOCK];
+    for (uint i = 0; i < BLOCK; ++i)
+        second[i] = block.index[i] | 0x80000000u;
+    s = samples_until(begin, n_cosine, spp);
+    begin_streams(&block.streams, second, s, seed);
+    for (const uint last = samples_until(end, n_cosine, spp); s < last; ++s) {
+        uint across[BLOCK], down[BLOCK];
+        next_points(&block.streams, s, across, down);
         add_cosine_samples(&light, &block.normal, across, down, &block.samples);
     }
     end_block(&block, pixel_count, resolution, sum);

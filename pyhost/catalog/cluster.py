@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import logging
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -26,6 +28,8 @@ LOCAL = {
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 64 << 20,
     "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": 32 << 20,
 }
+
+PATIENCE = 20  # seconds for a scheduler to answer
 
 
 @dataclass(frozen=True)
@@ -59,20 +63,39 @@ class Place:
 @contextmanager
 def connected(place: Place, folder: str) -> Iterator[Client]:
     """A client. Local workers write to ``folder``. Raises :class:`LightdomeError` if there is no cluster."""
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # this program reports a lost cluster itself
+    for name in ("distributed.client", "tornado.application"):  # this program reports lost clusters and workers itself
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     with ExitStack() as stack:
+        address = _address(place)
         try:
-            where: dict[str, object] = {"address": place.scheduler}
-            if place.file:
-                where = {"scheduler_file": str(place.file)}
-            elif not place.scheduler:
-                where = {"address": stack.enter_context(_local(place, folder))}
-            client = Client(**where, security=place.security, set_as_default=False, timeout="20s")
+            where = address or stack.enter_context(_local(place, folder))
+            client = Client(where, security=place.security, set_as_default=False, timeout=f"{PATIENCE}s")
         except (OSError, TimeoutError, ValueError) as error:
             raise LightdomeError(
-                f"there is no Dask scheduler at {place.scheduler or place.file or 'loopback'}: {one_line(error)}"
+                f"cannot connect to a Dask scheduler at {address or 'loopback'}: {one_line(error)}"
             ) from error
         yield stack.enter_context(client)
+
+
+def _address(place: Place) -> str | None:
+    """The address of an existing scheduler; its file may take a while to appear."""
+    address = place.scheduler
+    if place.file:
+        end = time.monotonic() + PATIENCE
+        while not place.file.exists() and time.monotonic() < end:
+            time.sleep(0.05)
+        try:
+            address = str(json.loads(place.file.read_text(encoding="utf-8"))["address"])
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise LightdomeError(f"cannot read the scheduler file {place.file}: {one_line(error)}") from error
+    if address and "://" not in address:
+        address = f"{'tls' if place.tls else 'tcp'}://{address}"
+    # Dask's client reports these two with a traceback, after 40 s.
+    if address and address.startswith("tls://") and not place.tls:
+        raise LightdomeError(f"the Dask scheduler at {address} needs --tls")
+    if address and place.tls and not address.startswith("tls://"):
+        raise LightdomeError(f"--tls needs a Dask scheduler at tls://..., got {address}")
+    return address
 
 
 @contextmanager
@@ -80,7 +103,7 @@ def _local(place: Place, folder: str) -> Iterator[LocalCluster]:
     with (
         dask.config.set(LOCAL),
         LocalCluster(
-            n_workers=place.workers,
+            n_workers=0,
             threads_per_worker=THREADS,
             host="127.0.0.1",
             dashboard_address="127.0.0.1:0",
@@ -91,4 +114,5 @@ def _local(place: Place, folder: str) -> Iterator[LocalCluster]:
             env=opencl_threads(place.threads),
         ) as cluster,
     ):
+        cluster.scale(place.workers)  # unlike the constructor, it goes on without a worker that dies while it starts
         yield cluster

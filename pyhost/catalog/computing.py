@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import CancelledError
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
@@ -20,8 +21,8 @@ from ..errors import LightdomeError, one_line, shown
 from ..files import replacing
 from ..progress import Progress
 from .journal import Entry, Journal
+from .remote import is_url
 from .row import Options, Row
-from .sources import is_url
 from .worker import work
 
 AHEAD = 2  # maps submitted per thread of the cluster
@@ -29,6 +30,7 @@ POLL = 1.0  # seconds between checks of the cluster
 PATIENCE = 10.0  # seconds without any worker before our own cluster gets another one
 ALONE = 60.0  # seconds without any worker before the run ends
 GO_ON = "run the same command again to resume"
+NO_WORKER = f"the Dask scheduler has had no worker for {{:.0f}} s; start one, then {GO_ON}"
 MOST_KNOWN = 100  # at most so many known contents of the same size are compared with a map's
 
 
@@ -36,7 +38,7 @@ MOST_KNOWN = 100  # at most so many known contents of the same size are compared
 class Flight:
     """A map submitted to the cluster."""
 
-    source: str
+    name: str
     size: int | None
     modified: int | None
     is_alone: bool
@@ -44,17 +46,17 @@ class Flight:
 
 
 class Run:
-    """Computes the rows of ``sources`` that the journal lacks, and writes their files to the folder ``out``.
+    """Computes the rows of ``sources``, by name, that the journal lacks, and writes their files to the folder ``out``.
 
     Maps whose worker died are retried after all others, one at a time, so that a second death is that map's own fault.
     """
 
     client: Client
 
-    def __init__(self, sources: list[str], options: Options, journal: Journal, out: Path, seconds: float) -> None:
-        self.options, self.journal, self.out, self.seconds = options, journal, out, seconds
-        self.waiting = self._new(sources)
-        self.total, self.computed = len(self.waiting), 0
+    def __init__(self, sources: dict[str, str], options: Options, journal: Journal, out: Path, seconds: float) -> None:
+        self.sources, self.options, self.journal, self.out, self.seconds = sources, options, journal, out, seconds
+        self.waiting = self._new()
+        self.total, self.done, self.known = len(self.waiting), 0, 0
         self._finished: SimpleQueue[Future[Row]] = SimpleQueue()
         self._flying: dict[Any, tuple[Future[Row], Flight]] = {}
         self._suspects: deque[str] = deque()
@@ -72,6 +74,7 @@ class Run:
 
     def _compute(self, client: Client) -> None:
         self.client, waiting = client, self.waiting
+        self._wait_for_worker()
         begin = time.monotonic()
         with Progress("maps") as progress:
             while waiting or self._flying or self._suspects:
@@ -87,37 +90,41 @@ class Run:
                     pass
                 else:
                     self._take(future)
-                rate = self.computed / (time.monotonic() - begin)
-                progress.label = f"{self.computed} of {self.total} maps, {rate:.2g} per second"
-                progress.update(self.computed / self.total)
+                rate = self.done / (time.monotonic() - begin)
+                progress.label = f"{self.done} of {self.total} maps, {rate:.2g} per second"
+                progress.update(self.done / self.total)
 
-    def _new(self, sources: list[str]) -> deque[str]:
-        """The maps without a row, with a failed row, or whose files have changed since."""
+    def _new(self) -> deque[str]:
+        """The maps without a row, with a failed row, or whose files may have changed since."""
         found: deque[str] = deque()
-        for source in sources:
-            entry = self.journal.entries.get(source)
-            # A URL has no known modification time: it is read again, and computed only if its content is new.
+        for name, source in self.sources.items():
+            entry = self.journal.entries.get(name)
+            # The workers ask for the version of a URL, so that many are asked for at a time.
             if not (entry and entry.is_done and entry.modified and (entry.size, entry.modified) == _stat(source)):
-                found.append(source)
+                found.append(name)
         return found
 
-    def _submit(self, source: str, is_alone: bool = False) -> None:
+    def _submit(self, name: str, is_alone: bool = False) -> None:
+        source = self.sources[name]
         size, modified = _stat(source)
-        own = self.journal.entries.get(source)
-        known = [own.sha256] if own and own.is_done and own.sha256 else []
-        known += list(self.journal.by_size.get(size, ()))[:MOST_KNOWN]
+        known, version = list(islice(self.journal.by_size.get(size, ()), MOST_KNOWN)), None
+        own = self.journal.entries.get(name)
+        if own and own.is_done and own.sha256:
+            known.insert(0, own.sha256)
+            version = own.modified if is_url(source) else None
         future = self.client.submit(
             work,
             source,
             self.options,
             self.options.key,
             known,
+            version,
             self.seconds,
             key=(self._name, self._submitted),
             pure=False,
         )
         self._submitted += 1
-        self._flying[future.key] = future, Flight(source, size, modified, is_alone)
+        self._flying[future.key] = future, Flight(name, size, modified, is_alone)
         future.add_done_callback(self._finished.put)
 
     def _take(self, future: Future[Row]) -> None:
@@ -126,15 +133,15 @@ class Run:
             row = future.result()
         except KilledWorker:
             if not flight.is_alone:
-                self._suspects.append(flight.source)
+                self._suspects.append(flight.name)
                 return
             took = time.monotonic() - flight.since
             why = f"it took more than {self.seconds:g} s" if took >= self.seconds else "its worker process died"
-            row = _failed(flight.source, f"{why}, twice: skipped")
+            row = _failed(flight.name, f"{why}, twice: skipped")
         except (OSError, TimeoutError, CancelledError):
             raise
         except Exception as error:
-            row = _failed(flight.source, f"{type(error).__name__}: {one_line(error)}")
+            row = _failed(flight.name, f"{type(error).__name__}: {one_line(error)}")
         self._write(row, flight)
 
     def _write(self, row: Row, flight: Flight) -> None:
@@ -146,9 +153,10 @@ class Run:
         sha256 = row.values.get("sha256")
         values: dict[str, Any] = row.values
         if row.values["status"] != "done" and row.values["error"] is None:  # another row has the same content
-            values = {**self.journal.row(self._entry(sha256)), "path": flight.source}
-        self.journal.add(values, flight.size, flight.modified)
-        self.computed += 1
+            values = {**self.journal.row(self._entry(sha256)), "path": flight.name}
+            self.known += 1
+        self.journal.add(values, flight.size, row.version or flight.modified)
+        self.done += 1
 
     def _entry(self, sha256: str | None) -> Entry:
         return next(rows[sha256] for rows in self.journal.by_size.values() if sha256 in rows)
@@ -163,7 +171,11 @@ class Run:
         except TimeoutError:
             if isinstance(self.client.cluster, LocalCluster):
                 self.client.cluster.scale(len(self.client.cluster.worker_spec) + 1)
-            self.client.wait_for_workers(1, timeout=ALONE)
+            try:
+                self.client.wait_for_workers(1, timeout=ALONE)
+            except TimeoutError as error:
+                raise LightdomeError(NO_WORKER.format(ALONE)) from error
+        self._last_worker = time.monotonic()
 
     def _look(self) -> None:
         """Check that the cluster is still there, and count its threads."""
@@ -177,13 +189,13 @@ class Run:
         if threads:
             self._last_worker = now
         elif now - self._last_worker > ALONE:
-            raise LightdomeError(f"the Dask scheduler has had no worker for {ALONE:.0f} s; start one, then {GO_ON}")
+            raise LightdomeError(NO_WORKER.format(ALONE))
         self._most = max(AHEAD, AHEAD * threads)
 
 
-def rows(journal: Journal, sources: list[str]) -> Iterator[dict[str, Any]]:
+def rows(journal: Journal, names: Iterable[str]) -> Iterator[dict[str, Any]]:
     """The rows of these maps, in the order given."""
-    return (journal.row(journal.entries[source]) for source in sources)
+    return (journal.row(journal.entries[name]) for name in names)
 
 
 def _stat(source: str) -> tuple[int | None, int | None]:
@@ -197,5 +209,5 @@ def _stat(source: str) -> tuple[int | None, int | None]:
     return status.st_size, status.st_mtime_ns
 
 
-def _failed(source: str, why: str) -> Row:
-    return Row({"path": source, "status": "failed", "error": shown(why), "version": __version__})
+def _failed(name: str, why: str) -> Row:
+    return Row({"path": name, "status": "failed", "error": shown(why), "version": __version__})

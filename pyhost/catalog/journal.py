@@ -19,12 +19,15 @@ NAME = "journal.jsonl"
 
 @dataclass(frozen=True)
 class Entry:
-    """The position of a row, and the file it describes: ``modified`` is in nanoseconds, or None if unknown."""
+    """The position of a row, and the file it describes.
+
+    ``modified`` is a time in nanoseconds or, for a URL, what its server says; None if unknown.
+    """
 
     offset: int
     sha256: str | None
     size: int | None
-    modified: int | None
+    modified: int | str | None
     is_done: bool
 
 
@@ -61,7 +64,7 @@ class Journal:
     def __exit__(self, *_: object) -> None:
         self._file.close()
 
-    def add(self, row: dict[str, Any], size: int | None, modified: int | None) -> None:
+    def add(self, row: dict[str, Any], size: int | None, modified: int | str | None) -> None:
         """Write a row; once this returns, the row survives the end of this process."""
         line = {"key": self.key, "size": size, "modified": modified, "row": row}
         offset = self._file.seek(0, os.SEEK_END)

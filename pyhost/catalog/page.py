@@ -15,16 +15,16 @@ from .table import Rows
 # For each column: its key on the page, the catalog's column, heading, width, number of decimals and tooltip. A column
 # without a width is hidden; decimals below 0 mean a whole number.
 NUMBERS = (
-    ("width", "width_pixels", "width", "5.5rem", -1, "columns of pixels"),
+    ("width", "width_pixels", "width", "4.5rem", -1, "columns of pixels"),
     ("range", "range_stops", "stops", "5rem", 1, "log2 of largest over smallest luminance, ignoring the darkest 1 %"),
     ("concentration", "mean_direction_length", "concen-tration", "5.5rem", 2,
      "0: light from all directions, 1: from a single one"),
     ("elevation", "sun_elevation_degrees", "sun at", "5rem", 1, "elevation of the sun in degrees"),
-    ("share", "sun_flux_share", "sun's share", "5.5rem", 3, "the sun's share of the light"),
+    ("share", "sun_flux_share", "sun's share", "5rem", 3, "the sun's share of the light"),
     ("lights", "lights_relative_rmse", "lights' error", "5.5rem", 4, "relative RMSE of a sphere lit by the lights"),
-    ("harmonics", "harmonics_relative_rmse", "harmonics' error", "6.5rem", 4,
+    ("harmonics", "harmonics_relative_rmse", "harmonics' error", "7rem", 4,
      "relative RMSE of a sphere lit by the harmonics"),
-    ("samples", "samples_for_1_percent_error", "samples for 1 %", "7rem", -1, "independent samples for 1 % error"),
+    ("samples", "samples_for_1_percent_error", "samples for 1 %", "6rem", -1, "independent samples for 1 % error"),
 )  # fmt: skip
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
@@ -35,7 +34,6 @@ from ..names import LIGHT_FORMATS
 from ..opencl.device import Device
 from ..sampling.distribution import build_distribution
 from .columns import harmonic_names, of_analysis
-from .sources import is_url
 
 SPHERE = 127  # side of the sphere's image on which errors are measured, in pixels
 THUMBNAIL = 256  # width in pixels
@@ -51,7 +49,7 @@ class Options:
     - ``samples``: number of samples in a file per map, 0 for no file
     - ``light_format``: format of a file of lights per map, None for no file; ``thumbnails``: whether to make pictures
     - ``device``: as :func:`lightdome.open_device` takes it
-    - ``memory``: bytes that a worker may use; larger maps are read in bands
+    - ``memory``: bytes for the maps in a worker, and of a file from a URL; larger maps are read in bands
     """
 
     lights: int = 16
@@ -60,7 +58,7 @@ class Options:
     light_format: str | None = None
     thumbnails: bool = False
     device: str | None = None
-    memory: int = 4 << 30
+    memory: int = 3_300_000_000
 
     @property
     def key(self) -> str:
@@ -89,32 +87,20 @@ class Options:
 
 @dataclass
 class Row:
-    """Values by column name, and contents of files by their paths in the catalog's folder."""
+    """Values by column name, and contents of files by their paths in the catalog's folder.
+
+    ``version`` is what a server says about the version of a file; None for a local file.
+    """
 
     values: dict[str, Any]
     files: dict[str, bytes] = field(default_factory=dict)
+    version: str | None = None
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
         begin = time.perf_counter()
         yield
         self.values[f"seconds_{stage}"] = time.perf_counter() - begin
-
-
-@contextmanager
-def local(source: str) -> Iterator[Path]:
-    """The file of a source; for a URL, a temporary copy."""
-    if not is_url(source):
-        yield Path(source)
-        return
-    import fsspec
-
-    with tempfile.TemporaryDirectory(prefix="lightdome-") as folder:
-        path = Path(folder) / f"map{os.path.splitext(source)[1]}"  # noqa: PTH122 - of a URL
-        with fsspec.open(source, "rb") as remote, path.open("wb") as file:
-            while block := remote.read(BLOCK):
-                file.write(block)
-        yield path
 
 
 def digest(path: Path) -> tuple[str, int]:

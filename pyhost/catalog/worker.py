@@ -12,15 +12,16 @@ import os
 import re
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import cache
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 
 from .. import __version__, progress
 from ..errors import LightdomeError, one_line, shown
 from ..opencl.device import Device, open_device
-from .row import Options, Row, digest, fill, local, read
+from .remote import Remote, is_url, name_of, without_secrets
+from .row import Options, Row, digest, fill, read
 
 THREADS = 2  # per worker
 # Variables from which OpenCL implementations for CPUs take their number of threads.
@@ -83,13 +84,14 @@ def _watch() -> _Watch:
         return _started()
 
 
-def work(source: str, options: Options, key: str, known: Iterable[str], seconds: float) -> Row:
+def work(source: str, options: Options, key: str, known: Sequence[str], version: str | None, seconds: float) -> Row:
     """The row of a map, with its files. If its SHA-256 is in ``known``, the row holds little more than that hash.
 
-    If the map cannot be read or raises an error, its row says why. Reading the map and computing its row may take
-    ``seconds`` each.
+    A URL whose server still says ``version`` is not read; its content is the first of ``known``. If the map cannot be
+    read or raises an error, its row says why. Reading the map and computing its row may take ``seconds`` each.
     """
-    row = Row({"path": source, "status": "failed", "error": None, "version": __version__})
+    name = name_of(source)
+    row = Row({"path": name, "status": "failed", "error": None, "version": __version__})
     path = None
     try:
         if key != options.key:
@@ -97,7 +99,15 @@ def work(source: str, options: Options, key: str, known: Iterable[str], seconds:
         with ExitStack() as held:
             with _watch().at_most(seconds):
                 with row.timed("hash"):
-                    path = held.enter_context(local(source))
+                    if is_url(source):
+                        remote = Remote(source, seconds)
+                        row.version = remote.version
+                        if version is not None and version == row.version:
+                            row.values["sha256"] = known[0]
+                            return row
+                        path = held.enter_context(remote.copied(options.memory))
+                    else:
+                        path = Path(source)
                     row.values["sha256"], row.values["size_bytes"] = digest(path)
                 if row.values["sha256"] in known:
                     return row
@@ -107,14 +117,15 @@ def work(source: str, options: Options, key: str, known: Iterable[str], seconds:
                 device = _device(options.device)
                 row.values["device"] = device.description
                 with _watch().at_most(seconds):
-                    fill(row, found, device, options, _name(source, row.values["sha256"]))
+                    fill(row, found, device, options, _name(name, row.values["sha256"]))
                 device.profile.clear()
                 device.decisions.take()
         row.values = {name: None if _is_no_number(value) else value for name, value in row.values.items()}
         row.values["status"] = "done"
     except Exception as error:  # one map must not stop the others
         told = str(error) if isinstance(error, LightdomeError) else f"{type(error).__name__}: {one_line(error)}"
-        row.values["error"] = shown(told.replace(str(path), source) if path else told)
+        told = told.replace(str(path), name) if path else told
+        row.values["error"] = shown(without_secrets(told) if is_url(source) else told)
         row.files.clear()
     return row
 
@@ -123,7 +134,7 @@ def _is_no_number(value: object) -> bool:
     return isinstance(value, float) and not math.isfinite(value)
 
 
-def _name(source: str, sha256: str) -> str:
+def _name(path: str, sha256: str) -> str:
     """A short name for the files of a map, different for each content."""
-    stem = re.sub(r"[^\w.-]", "_", PurePosixPath(source).stem)[:80]
+    stem = re.sub(r"[^\w.-]", "_", PurePosixPath(path.partition("?")[0] if is_url(path) else path).stem)[:80]
     return f"{stem}-{sha256[:12]}"

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from ..catalog.computing import Run
 
 MOST = 2**22  # lights or samples of a map
+WORKER = 300_000_000  # bytes of a worker without a map; Dask ends one that takes nearly all that it may
+LEAST = 1_000_000_000  # reading in bands takes 400 MB
 FOLDERS = ("lights", "samples", "thumbnails")
 
 
@@ -115,7 +117,9 @@ def catalog(args: argparse.Namespace) -> None:
     try:
         memory = int(parse_bytes(args.limit_memory))
     except ValueError as error:
-        raise LightdomeError(f"--limit-memory must be a size such as 4GB or 800MiB, got {args.limit_memory}") from error
+        raise LightdomeError(f"--limit-memory must be a size such as 4GB or 2GiB, got {args.limit_memory}") from error
+    if memory < LEAST:
+        raise LightdomeError(f"--limit-memory must be at least 1GB, got {args.limit_memory}")
     options = Options(
         lights=args.lights,
         harmonics=args.harmonics,
@@ -123,28 +127,28 @@ def catalog(args: argparse.Namespace) -> None:
         light_format=args.light_files,
         thumbnails=args.thumbnails,
         device=args.device,
-        memory=memory,
+        memory=memory * 9 // 10 - WORKER,
     )
     for path in args.tls or ():
         if not path.is_file():
             raise LightdomeError(f"cannot read {path}, given with --tls: no such file")
     threads = max(1, cores() // args.workers)
     place = Place(args.workers, threads, memory, args.scheduler, args.scheduler_file, args.tls and tuple(args.tls))
-    maps = sources.find(args.maps)
+    maps = sources.find(args.maps, args.timeout)
     out = cli.output_folder(args.out)
     with Journal(out, options.key) as journal:
         clear(out)
         run = Run(maps, options, journal, out, args.timeout)
-        to_do = len(run.waiting)
-        if to_do:
+        if run.waiting:
             compute(run, place)
+        computed = run.total - run.known
         wanted = columns(options)
         table.write_parquet(out / "catalog.parquet", wanted, lambda: rows(journal, maps), len(maps))
         table.write_csv(out / "catalog.csv", wanted, lambda: rows(journal, maps))
         write_page(out / "index.html", options, lambda: rows(journal, maps))
-        failed = sum(not journal.entries[source].is_done for source in maps)
-    plural = "s" if len(maps) > 1 else ""
-    print(f"{len(maps)} map{plural}: {to_do} computed, {len(maps) - to_do} known from earlier runs, {failed} failed")
+        failed = sum(not journal.entries[name].is_done for name in maps)
+    plural, known = "s" if len(maps) > 1 else "", len(maps) - computed
+    print(f"{len(maps)} map{plural}: {computed} computed, {known} already known, {failed} failed")
     print(f"wrote {out / 'catalog.parquet'}, catalog.csv and index.html")
 
 
@@ -161,7 +165,7 @@ def compute(run: Run, place: Place) -> None:
             multiprocessing.util._run_finalizers(0)  # type: ignore[attr-defined] # or Python warns of leaked semaphores
             abandon()
             shutil.rmtree(folder, ignore_errors=True)
-            done = f"{run.computed} of {run.total} maps are done and saved; {GO_ON}\n"
+            done = f"{run.done} of {run.total} maps are done and saved; {GO_ON}\n"
             os.write(2, done.encode())
 
         take_back = interrupts.end_after(stop)

@@ -448,6 +448,21 @@ def non_negative_float(text: str) -> float:
     return float(_number(float, text, lambda v: v >= 0, "a finite number, 0 or above"))
 
 
+def error(text: str) -> float:
+    """Argument type: a relative error from 0.001 % to 100 %, in per cent (``1%``) or as a fraction (``0.01``)."""
+    wanted = "an error such as 1% or 0.01, from 0.001% to 100%"
+    value = _number(float, text.removesuffix("%"), lambda v: v > 0, wanted) / (100 if text.endswith("%") else 1)
+    if not 1e-5 <= value <= 1:
+        raise argparse.ArgumentTypeError(f"{text} is not {wanted}")
+    return value
+
+
+def seconds(text: str) -> float:
+    """Argument type: a time above 0, in seconds (``10s`` or ``10``) or milliseconds (``500ms``)."""
+    number, factor = (text[:-2], 1e-3) if text.endswith("ms") else (text.removesuffix("s"), 1.0)
+    return factor * _number(float, number, lambda v: v > 0, "a time above 0 such as 10s or 500ms")
+
+
 def tone(args: argparse.Namespace, exposure: float) -> str:
     """The line with exposure and gamma; numbers from the command line are shown in full."""
     used = exactly(exposure) if args.exposure else f"{exposure:.4g}"

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from ..errors import LightdomeError, exactly
 from ..names import ESTIMATORS, PIXEL_SEQUENCES, SEED, WITHIN
 from . import cli
+from . import render_to_error as to_error
 
 if TYPE_CHECKING:
     import numpy as np
@@ -20,6 +21,16 @@ if TYPE_CHECKING:
 
     Images = Iterator[tuple[int, np.ndarray]]
 
+SPP = [8, 16, 32, 64]
+
+
+def _share(text: str) -> float:
+    """Argument type: a part of a whole."""
+    value = cli.positive_float(text)
+    if value >= 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number above 0 and below 1")
+    return value
+
 
 def parse_arguments() -> argparse.Namespace:
     """The command line."""
@@ -27,29 +38,50 @@ def parse_arguments() -> argparse.Namespace:
         "Render a diffuse sphere under an environment map with fresh samples for every pixel.\n\n"
         "Writes sphere_Nspp.pfm (linear radiance), sphere_Nspp.ppm and sphere_Nspp.png, or the formats of --format, for"
         " N samples per pixel, and the scenes for PBRT-v3 and PBRT-v4 into the folder pbrt. settings.json records how"
-        " the images were made.",
+        " the images were made.\n\n"
+        "With --error, writes sphere.pfm, .ppm and .png of as many samples as the error needs, error.pfm (the standard"
+        " error of each pixel, radiance) and error.png (the same in false colour). settings.json records what was"
+        " reached. PBRT is not used.",
         example="--spp 16 64 --seed 1",
         out="out/part4",
     )
     cli.map_options(parser)
     parser.add_argument(
-        "--spp", type=cli.positive_int, nargs="+", default=[8, 16, 32, 64], metavar="N", help="samples per pixel"
+        "--spp",
+        type=cli.positive_int,
+        nargs="+",
+        metavar="N",
+        help=f"samples per pixel (default: {' '.join(map(str, SPP))})",
     )
+    to_error.options(parser)
     parser.add_argument(
         "--renderer",
         choices=["auto", "pbrt", "opencl"],
         default="auto",
         help="auto: pbrt if it is found, otherwise opencl; opencl too if --estimator, --sequence or --within is given",
     )
-    parser.add_argument("--estimator", choices=ESTIMATORS, help="how a pixel uses its samples (default: light)")
     parser.add_argument(
-        "--sequence", choices=PIXEL_SEQUENCES, help="the points that samples are made from (default: independent)"
+        "--estimator",
+        choices=ESTIMATORS,
+        help="how a pixel uses its samples (default: light; with --error product)",
+    )
+    parser.add_argument(
+        "--sequence",
+        choices=PIXEL_SEQUENCES,
+        help="the points that samples are made from (default: independent; with --error lattice)",
     )
     parser.add_argument(
         "--within",
         choices=WITHIN,
         help="where directions lie in a pixel of the map: at its centre, or anywhere in it, uniform over its solid"
         " angle (default: centre; always pixel for bsdf and mis)",
+    )
+    parser.add_argument(
+        "--light-share",
+        type=_share,
+        metavar="SHARE",
+        help="with --estimator mis, the part of a pixel's directions that the light samples, above 0 and below 1"
+        " (default: by the map)",
     )
     parser.add_argument(
         "--pbrt",
@@ -67,6 +99,7 @@ def parse_arguments() -> argparse.Namespace:
     cli.device_option(parser)
     cli.explain_option(parser)
     args = parser.parse_args()
+    to_error.check(parser, args)
     if args.renderer == "opencl" and args.pbrt:
         parser.error("--pbrt is for --renderer pbrt or auto")
     if args.renderer == "pbrt" and args.device:
@@ -76,9 +109,13 @@ def parse_arguments() -> argparse.Namespace:
             if args.renderer == "pbrt" or args.pbrt:
                 parser.error(f"--{name} is for --renderer opencl")
             args.renderer = "opencl"
-    args.estimator, args.sequence = args.estimator or "light", args.sequence or "independent"
-    if args.within == "centre" and ESTIMATORS[args.estimator].pixels == "areas":
+    if not args.error:
+        args.spp = args.spp or SPP
+        args.estimator, args.sequence = args.estimator or "light", args.sequence or "independent"
+    if args.within == "centre" and args.estimator and ESTIMATORS[args.estimator].pixels == "areas":
         parser.error(f"--estimator {args.estimator} needs --within pixel")
+    if args.light_share and args.estimator != "mis":
+        parser.error("--light-share is for --estimator mis")
     if args.albedo > 1 and (args.renderer == "pbrt" or args.pbrt):
         parser.error(f"PBRT's albedo must be from 0 to 1, got {exactly(args.albedo)}; use --renderer opencl")
     return args
@@ -100,6 +137,7 @@ def with_opencl(args: argparse.Namespace, envmap: EnvironmentMap, device: Device
         args.estimator,
         args.sequence,
         within=args.within,
+        light_share=args.light_share,
     )
     # An image with more samples continues the one with fewer, so the decisions are those for all.
     cli.explain(args, f"{', '.join(map(str, sorted(set(args.spp))))} spp", device.decisions.take())
@@ -111,6 +149,9 @@ def main() -> None:
     args = parse_arguments()
     out = cli.output_folder(args.out, images=True)
     envmap = cli.load_map(args)
+    if args.error:
+        to_error.run(args, out, envmap)
+        return
 
     from .. import pbrt
     from ..maps.images import tone_map

@@ -27,6 +27,7 @@ from ..maps.envmap import EnvironmentMap
 from ..names import ESTIMATORS, PIXEL_SEQUENCES, SEQUENCES
 from ..names import per_pixel as per_pixel_name
 from ..opencl.device import Device
+from ..rendering.estimate import Spread
 from ..rendering.per_pixel import render
 from ..sampling.distribution import build_distribution
 from .metrics import half_quartile_distance, relative_rmse
@@ -75,6 +76,7 @@ class MethodMeasurement:
     first_seconds: float  # the first run, including the build of its programs
     pixels: str = "centres"  # how the exact image used for the errors treats the map's pixels
     peer: bool = False
+    estimated: float | None = None  # the RMSE as the spread of independent pixels over the seeds tells it
     stages: dict[str, float] = field(
         default_factory=dict
     )  # seconds by stage of the median run, on the device or in the peer
@@ -134,8 +136,11 @@ def measure_method(method: Method, count: int, seeds: int, repeats: int, referen
     truth = reference[mask].astype(np.float64)
 
     errors, largest, means = [], [], []
+    spread = Spread(truth.shape)
 
     def judge(image: np.ndarray) -> None:  # and drop the image, so that many seeds need no more memory than one
+        if method.kind == "per pixel":
+            spread.add(image[mask])
         difference = image[mask] - truth
         errors.append(relative_rmse(image[mask], truth))
         largest.append(np.abs(difference).max())
@@ -174,6 +179,7 @@ def measure_method(method: Method, count: int, seeds: int, repeats: int, referen
         first_seconds=first,
         pixels=method.pixels,
         peer=method.peer,
+        estimated=spread.of_one(),
         stages=stages[walls.index(median)],
     )
 

@@ -145,8 +145,8 @@ def _label_ends(
         return (np.log(x) - left) / (right - left), (np.log(y) - low) / (high - low)
 
     drawn = [np.zeros((0, 2))]
-    for x, y in lines:
-        across, up = place(x, y)
+    for line in lines:
+        across, up = place(*line)
         along = np.linspace(0, len(across) - 1, 50 * len(across))
         drawn.append(np.stack([np.interp(along, range(len(across)), of_line) for of_line in (across, up)], axis=1))
     taken = np.concatenate(drawn)

@@ -30,6 +30,7 @@ from ..maps.envmap import EnvironmentMap
 from ..names import ESTIMATORS
 from ..opencl.device import Device
 from ..opencl.memory import DeviceArray
+from ..rendering.light_share import choose_share
 from ..rendering.per_pixel import render
 from ..sampling.cdf import RowCDFs, build_row_cdfs
 from ..sampling.distribution import Distribution, build_distribution
@@ -166,9 +167,12 @@ class MapStages:
         yield self._stage("exact", run, work, resolution=resolution)
         count = disc * SPP
         for estimator in ESTIMATORS:
-            work = Work(
-                image + 16 * min(count, self.pixels), ESTIMATORS[estimator].operations * count, count, "samples"
-            )
+            by_light, by_cosine = ESTIMATORS[estimator].operations
+            operations = float(by_light + by_cosine)
+            if estimator == "mis":  # two directions
+                share = choose_share(self.distribution)
+                operations = 2 * (share * by_light + (1 - share) * by_cosine)
+            work = Work(image + 16 * min(count, self.pixels), operations * count, count, "samples")
 
             def all_spp(estimator: str = estimator) -> None:
                 list(render(self.distribution, [SPP], resolution, estimator=estimator, sequence="sobol"))

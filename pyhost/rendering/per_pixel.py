@@ -4,7 +4,8 @@ There are four estimators, all unbiased. One sample per pixel means:
 
 - ``light``: a direction sampled by the light: the least work, but about half of the directions lie below the horizon
 - ``bsdf``: a direction sampled by the cosine: good only if the light is much the same from everywhere
-- ``mis``: one of each, weighted by the power heuristic: never much worse than the better of the two
+- ``mis``: two directions, sampled by the light and by the cosine, in parts that suit the map, and weighted by the
+  balance heuristic: never much worse than the better of the two
 - ``product``: a direction sampled by light times cosine, approximately: by far the least noise. Its tables take a few
   milliseconds to build, and it is for diffuse surfaces only
 
@@ -22,6 +23,7 @@ Rendering, 4th ed., 2.2 and 13.2; Karlik et al., MIS Compensation (2019).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -39,10 +41,12 @@ from ..progress import Progress
 from ..sampling.cdf import build_cdf
 from ..sampling.distribution import Distribution
 from ..sampling.draw import philox_key
+from .light_share import choose_share, light_samples
 from .product import ProductCDFs, build_product_cdfs
 
 if TYPE_CHECKING:
     from ..opencl.device import Device
+    from ..opencl.memory import DeviceArray
     from ..opencl.signature import Argument
 
 SAMPLES_PER_LAUNCH = 2**25  # pixels x spp between two updates of the progress line
@@ -62,6 +66,7 @@ def render(
     sequence: str = "independent",
     mis_compensation: bool = False,
     within: Literal["centre", "pixel"] | None = None,
+    light_share: float | None = None,
 ) -> Iterator[tuple[int, np.ndarray]]:
     """Yield (spp, image) for each of ``spp`` in increasing order; images are (R, R, 3) float32 radiance.
 
@@ -70,97 +75,173 @@ def render(
       separate shift. The last two are best at powers of two
     - ``mis_compensation``: with ``mis``, sample only the light above the map's mean, and leave the rest to the cosine's
       samples
+    - ``light_share``: with ``mis``, the part of a pixel's 2 spp directions that the light samples, above 0 and below 1,
+      where the light and the cosine each sample at least one; by default the part that suits the map, see
+      :mod:`lightdome.rendering.light_share`
     - ``within``: where in a pixel of the map directions lie: at its ``centre``, the default of ``light`` and
       ``product``; or anywhere in the ``pixel``, uniform over its solid angle, where those of ``bsdf`` and ``mis``
       always lie
 
-    An image with more samples continues one with fewer, so all of them together cost as much as the last. A black map
+    An image with more samples continues one with fewer, so all of them together cost as much as the last. With ``mis``
+    this holds only where both have the same part of light samples, as all multiples of four do by default. A black map
     gives a black image. Raises :class:`LightdomeError` for a resolution or a number of samples out of range, for an
-    albedo that is negative or not finite, for unknown names, for compensation without ``mis``, and for centres with
-    ``bsdf`` or ``mis``.
+    albedo that is negative or not finite, for unknown names, for compensation or a share without ``mis``, for a share
+    that is not between 0 and 1, and for centres with ``bsdf`` or ``mis``.
     """
+    plan = planned(distribution, resolution, albedo, estimator, sequence, mis_compensation, within, light_share)
+    spp = sorted(set(checks.wholes("samples per pixel", spp, 1, 2**31 - 1)))
+    return _images(plan, spp, philox_key(seed))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The arguments of :func:`render` that decide what a sample adds, checked."""
+
+    distribution: Distribution
+    resolution: int
+    albedo: float
+    estimator: str
+    areas: bool
+    sequence: str
+    mis_compensation: bool
+    light_share: float | None
+
+
+@dataclass(frozen=True)
+class Sampler:
+    """Adds samples to sums: double words (2, R, R, 3), as :func:`render` and :func:`render_to_error` need them."""
+
+    launch: Callable[..., None]
+    resolution: int
+    step: int  # the most samples per pixel in a launch
+    factor: float  # radiance is this times the mean of the samples; it may exceed float32's range
+    share: float | None  # of the light's samples among the directions of ``mis``
+
+    def add(self, key: np.ndarray, begin: int, end: int, spp: int, total: DeviceArray) -> None:
+        """Add samples ``begin`` to ``end`` - 1 of every pixel, at most ``step``.
+
+        The sum is for ``spp`` samples, or for any number with the same part of light samples (:meth:`continues`).
+        """
+        split = {} if self.share is None else {"spp": spp, "n_light": light_samples(spp, self.share)}
+        self.launch(seed=key, begin=begin, end=end, resolution=self.resolution, sum=total, **split)
+
+    def continues(self, done: int, spp: int) -> bool:
+        """Whether a sum of ``done`` samples can go on to ``spp``: whether both weight them alike."""
+        return self.share is None or light_samples(spp, self.share) * done == light_samples(done, self.share) * spp
+
+    def image(self, device: Device, total: DeviceArray, spp: int) -> np.ndarray:
+        """The image of a sum of ``spp`` samples per pixel."""
+        # In float64: albedo F / pi can exceed float32's range even if no radiance does.
+        image = np.add(*memory.download(device, total), dtype=np.float64)
+        image *= self.factor / spp
+        return to_float32(image)
+
+
+def planned(
+    distribution: Distribution,
+    resolution: int,
+    albedo: float,
+    estimator: str,
+    sequence: str,
+    mis_compensation: bool,
+    within: str | None,
+    light_share: float | None = None,
+) -> Plan:
+    """Check the arguments of :func:`render`; raises :class:`LightdomeError` as it does."""
     checks.instance("the distribution", distribution, Distribution)
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
-    spp = sorted(set(checks.wholes("samples per pixel", spp, 1, 2**31 - 1)))
     checks.choice("estimator", estimator, ESTIMATORS)
     checks.choice("sequence", sequence, SEQUENCES)
     if checks.flag("mis_compensation", mis_compensation) and estimator != "mis":
         raise LightdomeError(f"MIS compensation needs the estimator 'mis', got {estimator!r}")
+    if light_share is not None:
+        low, high = np.nextafter(0, 1), np.nextafter(1, 0)
+        light_share = checks.real("the light's share", light_share, "a number above 0 and below 1", low, high)
+        if estimator != "mis":
+            raise LightdomeError(f"a light's share needs the estimator 'mis', got {estimator!r}")
     by_centres = ESTIMATORS[estimator].pixels == "centres"
     if within is not None and checks.choice("place within a pixel", within, WITHIN) == "centre" and not by_centres:
         raise LightdomeError(f"{estimator!r} sees pixels as areas; expected within='pixel', got 'centre'")
     areas = by_centres and within == "pixel"
-    key = philox_key(seed)
-    return _images(distribution, spp, resolution, albedo, key, estimator, areas, sequence, mis_compensation)
+    return Plan(distribution, resolution, albedo, estimator, areas, sequence, mis_compensation, light_share)
 
 
-def _images(
-    distribution: Distribution,
-    spp: Sequence[int],
-    resolution: int,
-    albedo: float,
-    key: np.ndarray,
-    estimator: str,
-    areas: bool,
-    sequence: str,
-    mis_compensation: bool,
-) -> Iterator[tuple[int, np.ndarray]]:
-    device = distribution.device
-    if distribution.total == 0:
-        device.decisions.skip("rendering", "the map is black, and so is the image")
-        yield from _black(spp, resolution)
+def _images(plan: Plan, spp: Sequence[int], key: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+    device, shape = plan.distribution.device, (plan.resolution, plan.resolution, 3)
+    sampler = None
+    if not is_black(plan):
+        # Allocated first, as the largest: if the device has no room for it, this fails at once.
+        total = memory.zeros(device, (2, *shape), np.float32)
+        sampler = build_sampler(plan)
+    if sampler is None:
+        for target in spp:
+            yield target, np.zeros(shape, np.float32)
         return
+    done = 0
+    with Progress("rendering") as progress:
+        for target in spp:
+            if done and not sampler.continues(done, target):
+                del total
+                total, done = memory.zeros(device, (2, *shape), np.float32), 0
+            while done < target:
+                end = min(done + sampler.step, target)
+                sampler.add(key, done, end, target, total)
+                device.wait()
+                done = end
+                progress.update(done / spp[-1])
+            yield target, sampler.image(device, total, target)
 
-    device.decisions.skip("code of other estimators and sequences", f"only {estimator} and {sequence} are built")
-    # Allocated first, as the largest: if the device has no room for it, this fails at once.
-    total = memory.zeros(device, (2, resolution, resolution, 3), np.float32)
+
+def is_black(plan: Plan) -> bool:
+    """Whether the map is black, and so the image."""
+    if plan.distribution.total == 0:
+        plan.distribution.device.decisions.skip("rendering", "the map is black, and so is the image")
+        return True
+    return False
+
+
+def build_sampler(plan: Plan) -> Sampler | None:
+    """Build what samples of a map that is not black need; None if none of its light falls on what the camera sees."""
+    distribution, resolution = plan.distribution, plan.resolution
+    device = distribution.device
+    device.decisions.skip(
+        "code of other estimators and sequences", f"only {plan.estimator} and {plan.sequence} are built"
+    )
     disc = disc_tiles(resolution, 1, 1)
     note_tiles(device.decisions, disc, resolution, 1, 1)
-    defines = {f"SEQUENCE_{sequence.upper()}": 1}
+    defines = {f"SEQUENCE_{plan.sequence.upper()}": 1}
     if distribution.map.is_grey:
         device.decisions.skip("separate channels", "the map is grey")
         defines["GREY"] = 1
     else:
         device.decisions.use("separate channels", "the map is in colour")
-    kernel = f"rendering/render_{estimator}{'_areas' if areas else ''}"
-    if estimator == "product":
-        cdfs = build_product_cdfs(distribution, resolution, areas)
+    kernel = f"rendering/render_{plan.estimator}{'_areas' if plan.areas else ''}"
+    if plan.estimator == "product":
+        cdfs = build_product_cdfs(distribution, resolution, plan.areas)
         disc = cdfs.lit(device, disc)
         device.decisions.skip("guide tables", "tables of light times cosine are searched instead")
         if len(disc) == 0:
             device.decisions.skip("rendering", "no light of the map falls on what the camera sees")
-            yield from _black(spp, resolution)
-            return
+            return None
         launch = _product_launch(distribution, kernel, cdfs, disc, defines)
-        flux = 3 * distribution.flux
+        flux, share = 3 * distribution.flux, None
     else:
-        launch, flux = _launch(distribution, kernel, mis_compensation, disc, defines)
+        launch, flux, share = _launch(distribution, kernel, plan.mis_compensation, plan.light_share, disc, defines)
     step = min(device.items_per_launch(SAMPLES_PER_LAUNCH, len(disc)), SAMPLES_PER_SUM)
-    done = 0
-    with Progress("rendering") as progress:
-        for target in spp:
-            while done < target:
-                end = min(done + step, target)
-                launch(seed=key, begin=done, end=end, resolution=resolution, sum=total)
-                device.wait()
-                done = end
-                progress.update(done / spp[-1])
-            # In float64: albedo F / pi can exceed float32's range even if no radiance does.
-            image = np.add(*memory.download(device, total), dtype=np.float64)
-            image *= albedo / np.pi * flux / target
-            yield target, to_float32(image)
-
-
-def _black(spp: Sequence[int], resolution: int) -> Iterator[tuple[int, np.ndarray]]:
-    for target in spp:
-        yield target, np.zeros((resolution, resolution, 3), np.float32)
+    return Sampler(launch, resolution, step, plan.albedo / np.pi * flux, share)
 
 
 def _launch(
-    distribution: Distribution, kernel: str, mis_compensation: bool, disc: np.ndarray, defines: dict[str, int]
-) -> tuple[Callable[..., None], float]:
-    """A function that launches ``kernel`` for a range of samples, and the flux of R + G + B that it samples.
+    distribution: Distribution,
+    kernel: str,
+    mis_compensation: bool,
+    light_share: float | None,
+    disc: np.ndarray,
+    defines: dict[str, int],
+) -> tuple[Callable[..., None], float, float | None]:
+    """A function that launches ``kernel`` for a range of samples, the flux of R + G + B that it samples, and the share.
 
+    The share is that of the light's samples among a pixel's directions; None for a kernel with light or cosine alone.
     Of the map, the CDFs, their guide tables and the factors, it passes those that the kernel's signature names.
     """
     device, of_map, cdf = distribution.device, distribution.map, distribution.cdf
@@ -173,6 +254,7 @@ def _launch(
             offset = mean
     flux = 3 * distribution.flux * (cdf.total / distribution.total)
     wanted = device.programs.parameters(kernel)
+    share = light_share or (choose_share(distribution, offset, flux) if "n_light" in wanted else None)
     arguments = _of_map(distribution, wanted)
     if "row_cdf" in wanted:
         device.decisions.use("guide tables", "every sample of every pixel searches the map")
@@ -181,7 +263,7 @@ def _launch(
         device.decisions.skip("guide tables", "directions of the cosine need no search")
     factors = {"offset": offset, "k": np.pi / (flux * of_map.scale)}
     arguments |= {factor: value for factor, value in factors.items() if factor in wanted}
-    return _in_blocks(device, kernel, disc, defines, **arguments), flux
+    return _in_blocks(device, kernel, disc, defines, **arguments), flux, share
 
 
 def _of_map(distribution: Distribution, wanted: frozenset[str]) -> dict[str, Argument]:

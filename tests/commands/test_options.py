@@ -32,6 +32,7 @@ from lightdome.errors import LightdomeError
 from lightdome.evaluation import (
     benchmark,
     benchmark_plot,
+    choice,
     peer_mitsuba_distribution,
     peers,
     report,
@@ -42,6 +43,7 @@ from lightdome.evaluation import (
     stability_cases,
 )
 from lightdome.evaluation.benchmark import MethodMeasurement
+from lightdome.evaluation.metrics import relative_rmse
 from lightdome.evaluation.stability import Case, Result
 from lightdome.fresnel import plot
 from lightdome.lighting.exact import exact
@@ -52,7 +54,7 @@ from lightdome.maps.images import auto_exposure, read_image, write_image
 from lightdome.maps.sphere import sphere_exposure
 from lightdome.names import ESTIMATORS, METHODS, SEED
 from lightdome.opencl import device
-from lightdome.rendering.per_pixel import render
+from lightdome.rendering import Rendered, render, render_to_error, to_error
 from lightdome.sampling.distribution import build_distribution
 from lightdome.sampling.samples import Samples
 from lightdome.viewer import display
@@ -751,6 +753,105 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
     rendered(world, patch, "within", {"centre": "light", "pixel": "product"})
     with pytest.raises(SystemExit, match="2"):
         part4(world, "--within", "centre", "--estimator", "bsdf")
+
+
+@option("--light-share", "part4_pbrt")
+def _(world: World, patch: pytest.MonkeyPatch) -> None:
+    distribution = build_distribution(world.device, EnvironmentMap(world.radiance["map"]))
+    ran = part4(world, "--estimator", "mis", "--light-share", 0.9, "--spp", 4)
+    ((_, expected),) = render(distribution, [4], 12, estimator="mis", light_share=0.9)
+    np.testing.assert_array_equal(ran.image("sphere_4spp.pfm"), expected)
+    for refused in (("--estimator", "light", "--light-share", 0.9), ("--estimator", "mis", "--light-share", 1)):
+        with pytest.raises(SystemExit, match="2"):
+            part4(world, *refused)
+
+
+def until(world: World, *arguments: object) -> Ran:
+    """Part 4 with options for the error."""
+    return world.run("part4_pbrt", "--map", world.folder / "map.pfm", "--resolution", 12, *arguments)
+
+
+@option("--error", "part4_pbrt")
+def _(world: World, patch: pytest.MonkeyPatch) -> None:
+    distribution = build_distribution(world.device, EnvironmentMap(world.radiance["map"]))
+    for options, wanted in (
+        (("--error", "20%"), {}),
+        (("--error", "0.3", "--estimator", "mis", "--seed", 7), {"estimator": "mis", "seed": 7}),
+        (("--error", "30%", "--sequence", "sobol", "--within", "pixel"), {"sequence": "sobol", "within": "pixel"}),
+        (("--error", "30%", "--albedo", 0.5), {"albedo": 0.5}),
+    ):
+        ran = until(world, *options)
+        expected = render_to_error(distribution, 0.2 if "20%" in options else 0.3, resolution=12, **wanted)
+        np.testing.assert_array_equal(ran.image("sphere.pfm"), expected.image)
+        np.testing.assert_array_equal(ran.image("error.pfm"), expected.error[..., None].repeat(3, axis=2))
+        reached = ran.json()["reached"]
+        assert (reached["reason"], reached["spp"]) == ("error", expected.spp)
+        assert (reached["relative_rmse"], tuple(reached["interval"])) == (expected.rmse, expected.interval)
+        assert f"stopped after {expected.spp} spp" in ran.said
+        assert f"error: {100 * expected.rmse:.3g} %, 95 % interval {100 * expected.interval[0]:.3g} to" in ran.said
+        images = {"sphere.pfm", "sphere.ppm", "sphere.png", "error.pfm", "error.png"}
+        assert ran.names() == images | {"settings.json"}
+        assert set(ran.json()["files"]) == images
+        assert not (ran.out / "pbrt").exists()
+    note = "note: this leaves out light that no sample has hit"
+    assert note in until(world, "--error", "90%", "--estimator", "bsdf").errors
+    assert note not in ran.errors
+    assert ran.picture("error.png").shape[:2] > (300, 300)
+    assert until(world, "--error", "30%", "--format", "exr").names() == {"sphere.exr", "error.exr", "settings.json"}
+    for wrong in ("0", "0%", "101%", "1e-6", "-1%", "nan", "one", "%"):
+        with pytest.raises(SystemExit, match="2"):
+            until(world, f"--error={wrong}")
+    for more in (
+        ("--spp", 4),
+        ("--renderer", "pbrt"),
+        ("--pbrt", "/opt/pbrt"),
+        ("--estimator", "mis", "--light-share", 0.5),
+    ):
+        with pytest.raises(SystemExit, match="2"):
+            until(world, "--error", "30%", *more)
+
+
+@option("--time", "part4_pbrt")
+def _(world: World, patch: pytest.MonkeyPatch) -> None:
+    asked: list[float] = []
+
+    def record(distribution: object, error: float, seconds: float, *arguments: object, **options: object) -> Rendered:
+        asked.append(seconds)
+        found = render_to_error(distribution, error, seconds, *arguments, **options)
+        return replace(found, rmse=np.inf, interval=(0.0, np.inf)) if seconds < 1e-3 else found
+
+    patch.setattr(to_error, "render_to_error", record)
+    for text, seconds in (("10", 10), ("2.5s", 2.5), ("500ms", 0.5), ("0.1ms", 1e-4)):
+        ran = until(world, "--error", "0.001%" if text == "0.1ms" else "50%", "--time", text)
+        assert asked.pop() == pytest.approx(seconds)
+    assert ran.json()["reached"]["reason"] == "time"
+    assert (ran.json()["reached"]["relative_rmse"], ran.json()["reached"]["interval"]) == (None, [0, None])
+    assert "the time is up, but the error may be above 0.001 %" in ran.said
+    for wrong in ("0", "-1s", "nan", "ms", "3 minutes", "inf"):
+        with pytest.raises(SystemExit, match="2"):
+            until(world, "--error", "30%", f"--time={wrong}")
+    with pytest.raises(SystemExit, match="2"):
+        until(world, "--time", "10s")
+
+
+@option("--auto", "part4_pbrt")
+def _(world: World, patch: pytest.MonkeyPatch) -> None:
+    patch.setitem(choice.SHARED, "median-cut", (16,))  # with more lights than pixels, median cut is exact, too
+    ran = until(world, "--auto", "--error", "0.001%")
+    truth = exact(world.device, EnvironmentMap(world.radiance["map"]), 12)
+    np.testing.assert_array_equal(ran.image("sphere.pfm"), truth)
+    assert "chosen: exact: " in ran.said
+    assert ran.json()["reached"]["method"] == "exact"
+    ran = until(world, "--auto", "--error", "40%", "--within", "pixel", "--albedo", 0.5)
+    truth = exact(world.device, EnvironmentMap(world.radiance["map"]), 12, 0.5, "areas")
+    assert relative_rmse(ran.image("sphere.pfm"), truth) < 0.4
+    assert "slower: exact: " in ran.said or "chosen: exact: " in ran.said
+    assert ran.names("error.*") == {"error.pfm", "error.png"}
+    for more in (("--estimator", "mis"), ("--sequence", "sobol"), ("--time", "1s"), ("--spp", 4)):
+        with pytest.raises(SystemExit, match="2"):
+            until(world, "--auto", "--error", "30%", *more)
+    with pytest.raises(SystemExit, match="2"):
+        until(world, "--auto")
 
 
 @option("--pbrt", "part4_pbrt", "bench", "report")

@@ -49,6 +49,20 @@ def test_the_errors_put_in_are_measured() -> None:
     assert once.seeds == 1
 
 
+@pytest.mark.parametrize(
+    ("kind", "seeds", "estimated"), [("per pixel", 8, True), ("per pixel", 1, False), ("shared", 8, False)]
+)
+def test_the_error_is_estimated_from_the_spread_over_seeds(kind: str, seeds: int, estimated: bool) -> None:
+    truth = np.where(disc_mask(R)[..., None], [1.0, 2.0, 3.0], 0).astype(np.float32)
+
+    def run(count: int, seed: int) -> np.ndarray:
+        return truth + np.random.default_rng(seed).normal(0, 0.2, truth.shape)
+
+    measured = benchmark.measure_method(Method("noise", kind, run), 2, seeds, repeats=1, reference=truth)
+    assert measured.estimated == (pytest.approx(measured.rmse, rel=0.05) if estimated else None)
+    assert measured.rmse == pytest.approx(0.2 / np.sqrt(14 / 3), rel=0.05)
+
+
 def test_times_are_those_of_the_median_run_and_the_first_is_separate(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = 0.0
     lasts = iter([20.0, 3.0, 1.0, 9.0, 2.0, 4.0])
@@ -158,6 +172,8 @@ def test_the_script_end_to_end(
         name: "areas" if name.startswith(("bsdf", "mis", "exact-areas")) else "centres"
         for name in {r["method"] for r in rows}
     }
+    for row in rows:
+        assert bool(row["estimated"]) == (row["kind"] == "per pixel")
     assert max(float(r["rmse"]) for r in rows if r["method"].startswith("exact")) < 1e-6  # with its own exact image
     sobol = next(r for r in rows if r["method"] == "sobol")
     assert {f"stage {s}" for s in ("row cdf", "marginal cdf", "search", "shade", "download")} <= {

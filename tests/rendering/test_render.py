@@ -225,7 +225,7 @@ def test_the_product_has_less_noise_than_the_rest(distribution: Distribution, ta
         e: reference.relative_rmse(one(distribution, 64, estimator=e), targets[ESTIMATORS[e].pixels])
         for e in ESTIMATORS
     }
-    assert error["product"] < 0.7 * min(error[e] for e in ESTIMATORS if e != "product")
+    assert error["product"] < 0.85 * min(error[e] for e in ESTIMATORS if e != "product")  # half of mis's directions
 
 
 @pytest.mark.parametrize("options", ALL, ids=NAMES)

@@ -23,6 +23,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
@@ -30,6 +31,7 @@ import psutil  # Dask needs it too
 import pyarrow.parquet as pq
 from helpers import LONG, stiff_radiance
 from lightdome.catalog.journal import NAME
+from lightdome.commands import catalog
 from lightdome.maps.images import write_image
 
 MAPS = 24
@@ -49,26 +51,35 @@ class Outcome:
 
 
 class Trial:
-    """Maps in a folder, the table expected for them, and runs of the command on them."""
+    """Maps in a folder, the table expected for them, and runs of the command on them.
 
-    def __init__(self, folder: Path, maps: int = MAPS, workers: int = 2) -> None:
-        self.folder, self.workers = folder, workers
+    Runs that are not to be killed are computed by the cluster of ``address`` or, without one, by ``workers``.
+    """
+
+    def __init__(self, folder: Path, maps: int = MAPS, workers: int = 2, address: str | None = None) -> None:
+        self.folder, self.workers, self.address = folder, workers, address
         (folder / "maps").mkdir()
         for n in range(maps):
             radiance = stiff_radiance(*((8, 16) if n % 4 else (32, 64)), n)
             write_image(folder / "maps" / f"m{n:03}.{'pfm' if n % 2 else 'exr'}", radiance)
         (folder / "maps" / "cut.exr").write_bytes((folder / "maps" / "m000.exr").read_bytes()[:300])
-        self.end(self.start(folder / "whole"))
+        self.complete(folder / "whole")
         self.expected = table(folder / "whole")
 
+    def arguments(self, out: Path, *more: object) -> list[str]:
+        return [str(word) for word in ("catalog", self.folder / "maps", "--out", out, "--thumbnails", *more)]
+
     def start(self, out: Path, *more: object) -> subprocess.Popen[str]:
-        command = [sys.executable, "-m", "lightdome", "catalog", self.folder / "maps", "--out", out, "--thumbnails"]
-        return subprocess.Popen(
-            [*map(str, (*command, *(more or ("--workers", self.workers))))],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        command = [sys.executable, "-m", "lightdome", *self.arguments(out, *(more or ("--workers", self.workers)))]
+        return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    def complete(self, out: Path) -> None:
+        """Compute what is missing, in this process if there is a cluster for it."""
+        if self.address is None:
+            self.end(self.start(out))
+            return
+        with patch.object(sys, "argv", self.arguments(out, "--scheduler", self.address)):
+            catalog.main()
 
     def end(self, process: subprocess.Popen[str]) -> str:
         said, errors = process.communicate(timeout=LONG)
@@ -101,7 +112,7 @@ class Trial:
         finished = done(out)
         half = incomplete(out)
         if kind != "worker":
-            self.end(self.start(out))
+            self.complete(out)
         return Outcome(kind, rows, len(finished), self._lost(out, finished), table(out) == self.expected, half)
 
     def _wait(self, process: subprocess.Popen[str], out: Path, rows: int) -> None:

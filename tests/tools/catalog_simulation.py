@@ -30,7 +30,7 @@ from lightdome.maps.default_map import default_map
 LIGHT = dict.fromkeys(("to_light_x", "to_light_y", "to_light_z", "flux_red", "flux_green"), 0.123456789012345)
 
 
-def made(source: str, options: Options, key: str, known: object, seconds: float) -> Row:
+def made(source: str, options: Options, key: str, known: object, version: object, seconds: float) -> Row:
     """A row of the usual size, after a pause."""
     time.sleep(PAUSE)
     values: dict[str, Any] = {column.name: 0.123456789012345 for column in columns(options)}
@@ -67,7 +67,7 @@ def main() -> None:
         for part in range(4):
             begin, busy = time.perf_counter(), process.cpu_times()
             names = [f"{default_map()}?{part * args.maps // 4 + n}" for n in range(args.maps // 4)]
-            computing.Run(names, options, journal, Path(folder), 600)(client)
+            computing.Run(dict(zip(names, names, strict=True)), options, journal, Path(folder), 600)(client)
             took, now = time.perf_counter() - begin, process.cpu_times()
             cpu = now.user + now.system - busy.user - busy.system
             print(
