@@ -165,7 +165,8 @@ def test_the_scale_of_the_map_does_not_matter(device: Device, exponent: int) -> 
     small = build_distribution(device, EnvironmentMap(MAPS["lamp"]))
     scaled = build_distribution(device, EnvironmentMap(np.ldexp(MAPS["lamp"], exponent)))
     of_small, of_scaled = (variances(d, 0.0, 3 * d.flux) for d in (small, scaled))
-    np.testing.assert_allclose(of_scaled / of_scaled[0], of_small / of_small[0], rtol=1e-3)
+    # At 2^-140 float32 has few digits left, so some points pick a neighbouring pixel.
+    np.testing.assert_allclose(of_scaled / of_scaled[0], of_small / of_small[0], rtol=3e-3)
 
 
 def test_numbers_are_equal_where_no_normal_sees_the_light(device: Device) -> None:
