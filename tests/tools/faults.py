@@ -378,8 +378,8 @@ FAULTS: list[Fault] = [
     kernel(
         "pick_pixels: axes swapped",
         "guided.clh",
-        "map->height, picked->strip, base, down, n, y);",
-        "map->height, picked->strip, base, picked->rest, n, y);",
+        "picked->strip, zero, down, n, y);",
+        "picked->strip, zero, picked->rest, n, y);",
         "both axes by one number",
     ),
     kernel(
