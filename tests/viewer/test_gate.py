@@ -5,6 +5,7 @@ from __future__ import annotations
 import http.client
 import json
 import socket
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 
@@ -135,7 +136,8 @@ def talk(server: Server, path: str | None = None, **headers: str) -> connect:
     """Open a WebSocket, by default as the page does."""
     origin = headers.pop("Origin", f"http://127.0.0.1:{server.port}")
     address = f"ws://127.0.0.1:{server.port}" + (f"/{server.token}/talk" if path is None else path)
-    return connect(address, origin=origin or None, compression=None, max_size=2**26, additional_headers=headers)
+    options = {"compression": None, "max_size": 2**26, "close_timeout": 0.5}
+    return connect(address, origin=origin or None, additional_headers=headers, **options)
 
 
 @pytest.mark.parametrize("origin", ["", "http://evil.example", "null", "http://localhost:{port}"])
@@ -193,6 +195,39 @@ def test_unknown_requests_change_nothing(server: Server, text: str) -> None:
         page.send(text)
         page.send(json.dumps({"do": "fresnel", "eta": 1.4}))
         assert heard(page)["kind"] == "fresnel"
+
+
+FRAME = {
+    "do": "frame",
+    "map": 0,
+    "method": "shared",
+    "sequence": "sobol",
+    "count": 16,
+    "seed": 0,
+    "pitch": 0,
+    "roll": 0,
+    "albedo": 1,
+    "resolution": 1023,
+    "moving": True,
+}
+
+
+def test_nothing_piles_up_for_a_client_that_does_not_read(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    computed, frame = [], server.engine.frame
+    monkeypatch.setattr(server.engine, "frame", lambda *setting: computed.append(1) or frame(*setting))
+    with talk(server) as slow:
+        for yaw in range(150):  # the client keeps 16 answers of 6 MB, and reads no more
+            slow.send(json.dumps(FRAME | {"yaw": yaw}))
+            time.sleep(0.005)
+        time.sleep(0.5)
+        before = len(computed)
+        slow.send(json.dumps(FRAME | {"yaw": 150}))
+        time.sleep(0.2)
+        assert len(computed) == before <= 30
+        with talk(server) as quick:  # others do not wait
+            assert heard(quick)["kind"] == "hello"
+            quick.send(json.dumps(FRAME | {"yaw": 0, "resolution": 31}))
+            assert heard(quick)["kind"] == "frame"
 
 
 def test_messages_and_files_are_limited_in_size(server: Server) -> None:

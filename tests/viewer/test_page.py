@@ -254,13 +254,24 @@ def test_keys(open_page: Open) -> None:
         ("d", "ev", -0.5),
         ("w", "wipe", 50),
         ("x", "marks", False),
+        ("g", "gamma", 2.3),
+        ("G", "gamma", 2.2),
+        ("h", "tone", "soft"),
+        ("c", "difference", 20),
+        ("C", "difference", 10),
+        ("a", "albedo", 1.1),
+        ("A", "albedo", 1),
+        ("r", "resolution", RESOLUTION + 64),
+        ("t", "map", 1),
+        ("i", "eta", 1.5),
+        ("I", "eta", 1.4),
         ("m", "method", "median-cut"),
         ("2", "tab", "fresnel"),
         ("3", "tab", "check"),
     ):
         page.keyboard.press(key)
         assert page.evaluate(f"lightdomeView.state.{name}") == value, key
-        if (key, value) not in (("-", 256), ("d", 0)):  # the address has only what differs from the default
+        if value not in (256, 0, 2.2, 10, 1, 1.4) or name == "map":  # an address has only what differs from the default
             until(page, f"new URLSearchParams(location.hash.slice(1)).get('{name}') === '{str(value).lower()}'")
 
 

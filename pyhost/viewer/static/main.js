@@ -466,13 +466,10 @@ function buildHands() {
 let keysRest = null;
 
 const cycle = (list, item, by = 1) => list[(list.indexOf(item) + by + list.length) % list.length];
-const steps = (name, by) => () => {
-  const [low, high] = LIMITS[name];
-  state[name] = Math.min(high, Math.max(low, Number((state[name] + by).toFixed(6))));
-  showControls();
-  if (name === "albedo") changed(false);
-  else { locally(); check.draw(); }
-};
+const press = (id, value) => { $(id).value = value; $(id).dispatchEvent(new Event("change")); };
+const next = (id) => () => press(id, cycle([...$(id).options].map((each) => each.value), $(id).value));
+const steps = (name, by) => () => press(name, Number((state[name] + by).toFixed(6)));
+const scaled = (name, factor) => () => press(name, state[name] * factor);
 const counts = (factor) => () => {
   state.count = state.method === "harmonics" ? state.count + (factor > 1 ? 1 : -1) : Math.round(state.count * factor);
   fitting(state);
@@ -496,6 +493,18 @@ const KEYS = [
   ["n", "next seed", nextSeed],
   ["e", "half a stop brighter", steps("ev", 0.5)],
   ["d", "half a stop darker", steps("ev", -0.5)],
+  ["g", "larger gamma, by 0.1", steps("gamma", 0.1)],
+  ["G", "smaller gamma, by 0.1", steps("gamma", -0.1)],
+  ["h", "highlights clipped or compressed", next("tone")],
+  ["c", "twice the scale of the difference", scaled("difference", 2)],
+  ["C", "half the scale of the difference", scaled("difference", 0.5)],
+  ["a", "larger albedo, by 0.1", steps("albedo", 0.1)],
+  ["A", "smaller albedo, by 0.1", steps("albedo", -0.1)],
+  ["r", "larger resolution, by 64 pixels", steps("resolution", 64)],
+  ["R", "smaller resolution, by 64 pixels", steps("resolution", -64)],
+  ["t", "next map", next("map")],
+  ["i", "larger refractive index, by 0.1", steps("eta", 0.1)],
+  ["I", "smaller refractive index, by 0.1", steps("eta", -0.1)],
   ["w", "wipe: method, half and half, exact image", () => { state.wipe = state.wipe > 50 ? (state.wipe === 100 ? 50 : 100) : state.wipe === 0 ? 100 : 0; showControls(); locally(); }],
   ["x", "show or hide the marks", () => { state.marks = !state.marks; showControls(); locally(); }],
   ["0", "reset the rotation of the light", () => turn({ yaw: 0, pitch: 0, roll: 0 }, false)],
