@@ -60,7 +60,7 @@ class Device:
     decisions: Decisions = field(default_factory=Decisions)
 
     def __repr__(self) -> str:
-        return f"<Device: {self.description}, {1e-9 * self.rates.multiply_adds:.0f} G multiply-adds a second>"
+        return f"<Device: {self.description}, {1e-9 * self.rates.multiply_adds:.0f} G multiply-adds/s>"
 
     @property
     def description(self) -> str:
@@ -334,7 +334,7 @@ def _slow(rates: Rates) -> str | None:
     if not rates.is_slow:
         return None
     return (
-        f"note: this OpenCL device does {1e-9 * rates.multiply_adds:.0f} G multiply-adds a second, less than a third of"
+        f"note: this OpenCL device does {1e-9 * rates.multiply_adds:.0f} G multiply-adds per second, less than a third of"
         f" numpy's {1e-9 * rates.numpy:.0f} G; for a faster one: {_install()}"
     )
 
