@@ -154,9 +154,13 @@ class Lightdome:
         widths = np.diff(strip_borders(width))
         rows = np.tile(np.concatenate([np.arange(1, n + 1) for n in widths]), (height, 1))
         marginal = np.tile(np.arange(1, height + 1), (len(widths), 1))
-        even = (memory.upload(device, steps.astype(np.uint32)) for steps in (rows, marginal))
-        strips = memory.upload(device, strip_table(widths.astype(np.float64)))
-        self._even = MapCDF(device, *even, strips, distribution.total)
+        self._even = MapCDF(
+            device,
+            memory.upload(device, rows.astype(np.uint32)),
+            memory.upload(device, marginal.astype(np.uint32)),
+            memory.upload(device, strip_table(widths.astype(np.float64))),
+            distribution.total,
+        )
 
     def probability(self, rows: slice) -> np.ndarray:
         envmap = self.distribution.envmap

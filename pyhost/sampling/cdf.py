@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -36,7 +37,7 @@ class MapCDF:
     total: float
 
     @property
-    def arguments(self) -> dict[str, DeviceArray | int]:
+    def arguments(self) -> dict[str, Any]:
         """The arguments of kernels that search these CDFs."""
         return {
             "row_cdf": self.rows,
