@@ -125,13 +125,13 @@ def _fitting(left: float, a_sample: float) -> int:
     """How many samples fit into the seconds ``left``; 0 if the time of one is not known yet."""
     if math.isinf(left):
         return MOST
-    return int(max(0.0, left) / a_sample) if a_sample else 0
+    return int(min(MOST, max(0.0, left) / a_sample)) if a_sample else 0
 
 
 def _needed(rounds: list[tuple[int, float]], error: float) -> int:
     """The number of samples that should reach ``error``, from the numbers and errors of the rounds so far."""
     (spp, reached), exponent = rounds[-1], 0.5
-    if len(rounds) > 1 and math.isfinite(rounds[-2][1]):
+    if len(rounds) > 1 and all(math.isfinite(end) for _, end in rounds[-2:]):
         fewer, larger = rounds[-2]
         exponent = min(1.0, max(0.5, math.log(larger / reached) / math.log(spp / fewer)))
     return math.ceil(min(MOST, spp * (reached / error) ** (1 / exponent)))

@@ -167,6 +167,16 @@ def test_seeds_and_albedo_are_passed_on(noise: Distribution) -> None:
     assert len({seed for start in range(100) for seed in seeds_of(start)}) == 400
 
 
+def test_noise_may_hide_the_image_again_in_a_later_round(noise: Distribution) -> None:
+    found = render_to_error(noise, 0.3, resolution=1, seed=16, estimator="light", sequence="independent")
+    assert found.reason == "error"
+    assert to_error._needed([(4, 0.5), (16, np.inf)], 0.3) == to_error.MOST
+
+
+def test_any_time_may_be_asked_for(noise: Distribution) -> None:
+    assert render_to_error(noise, 0.1, 1e308, resolution=9).spp > 16
+
+
 def test_it_ends_when_the_time_is_up(noise: Distribution, monkeypatch: pytest.MonkeyPatch) -> None:
     clock = 0.0
     add = Sampler.add
