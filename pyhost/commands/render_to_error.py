@@ -109,11 +109,16 @@ def _rendered(args: argparse.Namespace, distribution: Distribution) -> tuple[Ren
         "error": f"the error is at most {_percent(args.error)}",
         "time": f"the time is up, but the error may be above {_percent(args.error)}",
         "limit": f"no more samples are taken, but the error may be above {_percent(args.error)}",
+        "light": "the samples have missed light of the map, so the error is larger than estimated",
     }
     print(f"stopped after {found.spp} spp and {found.seconds:.2f} s: {reasons[found.reason]}")
     print(f"error: {_percent(found.rmse)}, 95 % interval {_percent(*found.interval)} (estimated from 4 images)")
     if args.estimator == "bsdf":
-        print("note: this leaves out light that no sample has hit, such as a small sun", file=sys.stderr)
+        print(
+            "note: the estimate does not include light that no sample has hit, such as a small sun; --estimator product"
+            " finds it",
+            file=sys.stderr,
+        )
     return found, {"reason": found.reason, "spp": found.spp, **_numbers(found)}
 
 

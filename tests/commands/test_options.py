@@ -793,7 +793,7 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
         assert ran.names() == images | {"settings.json"}
         assert set(ran.json()["files"]) == images
         assert not (ran.out / "pbrt").exists()
-    note = "note: this leaves out light that no sample has hit"
+    note = "note: the estimate does not include light that no sample has hit"
     assert note in until(world, "--error", "90%", "--estimator", "bsdf").errors
     assert note not in ran.errors
     assert ran.picture("error.png").shape[:2] > (300, 300)

@@ -209,6 +209,18 @@ def test_it_ends_at_the_largest_number_of_samples(noise: Distribution, monkeypat
     assert (found.reason, found.spp) == ("limit", 96)
 
 
+@pytest.mark.parametrize("sky", [0, 1e-3])
+def test_it_does_not_end_while_a_sun_is_missed(device: Device, sky: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    radiance = np.full((128, 256, 3), sky, np.float32)
+    radiance[30, 64] = 5e4
+    distribution = build_distribution(device, EnvironmentMap(radiance))
+    found = render_to_error(distribution, 0.4, resolution=5, estimator="bsdf", sequence="independent")
+    assert (found.reason, found.image.max() > 1) == ("error", True)
+    assert render_to_error(distribution, 0.4, 1e-9, 5, estimator="bsdf").reason == "light"
+    monkeypatch.setattr(to_error, "MOST", 4)
+    assert render_to_error(distribution, 0.4, resolution=5, estimator="bsdf").reason == "light"
+
+
 @pytest.mark.parametrize("behind", [False, True])
 def test_a_black_image_needs_no_samples(device: Device, behind: bool) -> None:
     radiance = np.zeros((16, 32, 3), np.float32)
