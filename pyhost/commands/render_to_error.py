@@ -24,15 +24,15 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--error",
         type=cli.error,
-        metavar="PERCENT",
-        help="instead of --spp: render until the relative RMSE is at most this, such as 1%% or 0.01, with a confidence"
-        " of 95%% (default: none)",
+        metavar="ERROR",
+        help="instead of --spp: render until the upper end of the relative RMSE's 95%% interval is at most this, such"
+        " as 1%% or 0.01 (default: none)",
     )
     parser.add_argument(
         "--time",
         type=cli.seconds,
         metavar="SECONDS",
-        help="with --error: stop after this time at the latest, such as 10s or 500ms (default: none)",
+        help="with --error: stop after about this time, such as 10s or 500ms (default: none)",
     )
     parser.add_argument(
         "--auto",

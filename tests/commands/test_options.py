@@ -798,7 +798,7 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
     assert note not in ran.errors
     assert ran.picture("error.png").shape[:2] > (300, 300)
     assert until(world, "--error", "30%", "--format", "exr").names() == {"sphere.exr", "error.exr", "settings.json"}
-    for wrong in ("0", "0%", "101%", "1e-6", "-1%", "nan", "one", "%"):
+    for wrong in ("0", "0%", "101%", "1e-6", "-1%", "nan", "one", "%", "1", "50"):
         with pytest.raises(SystemExit, match="2"):
             until(world, f"--error={wrong}")
     for more in (
