@@ -74,6 +74,7 @@ def run(args: argparse.Namespace, out: Path, envmap: EnvironmentMap) -> None:
     device = cli.open_device(args)
     print(f"map: {args.map}, {envmap.width} x {envmap.height}")
     distribution = build_distribution(device, envmap)
+    cli.explain(args, "the map", device.decisions.take())
     found, reached = _automatic(args, distribution) if args.auto else _rendered(args, distribution)
     cli.explain(args, "the image", device.decisions.take())
     exposure = args.exposure or sphere_exposure(envmap, args.albedo)
