@@ -798,6 +798,9 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
     assert note not in ran.errors
     assert ran.picture("error.png").shape[:2] > (300, 300)
     assert until(world, "--error", "30%", "--format", "exr").names() == {"sphere.exr", "error.exr", "settings.json"}
+    assert "note: the image of the error is written as" in until(world, "--error", "30%", "--format", "ppm").errors
+    assert "at most 51.2345 %" in until(world, "--error", "51.2345%").said
+    assert "the image is black" in until(world, "--error", "30%", "--albedo", 0).said
     for wrong in ("0", "0%", "101%", "1e-6", "-1%", "nan", "one", "%", "1", "50"):
         with pytest.raises(SystemExit, match="2"):
             until(world, f"--error={wrong}")
@@ -827,6 +830,7 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
     assert ran.json()["reached"]["reason"] == "time"
     assert (ran.json()["reached"]["relative_rmse"], ran.json()["reached"]["interval"]) == (None, [0, None])
     assert "the time is up, but the error may be above 0.001 %" in ran.said
+    assert "error: unknown: the noise is larger than the image" in ran.said
     for wrong in ("0", "-1s", "nan", "ms", "3 minutes", "inf"):
         with pytest.raises(SystemExit, match="2"):
             until(world, "--error", "30%", f"--time={wrong}")
@@ -841,7 +845,7 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
     truth = exact(world.device, EnvironmentMap(world.radiance["map"]), 12)
     np.testing.assert_array_equal(ran.image("sphere.pfm"), truth)
     assert "chosen: exact: " in ran.said
-    assert ran.json()["reached"]["method"] == "exact"
+    assert (ran.json()["reached"]["method"], ran.json()["reached"]["reason"]) == ("exact", None)
     ran = until(world, "--auto", "--error", "40%", "--within", "pixel", "--albedo", 0.5)
     truth = exact(world.device, EnvironmentMap(world.radiance["map"]), 12, 0.5, "areas")
     assert relative_rmse(ran.image("sphere.pfm"), truth) < 0.4

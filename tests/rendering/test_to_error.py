@@ -113,6 +113,28 @@ def test_images_of_other_numbers_and_shapes_are_refused(shapes: list[tuple[int, 
         estimate_error([np.ones(shape) for shape in shapes])
 
 
+@pytest.mark.parametrize(
+    "images",
+    [
+        None,
+        4,
+        [1, 2, 3, 4],
+        [None] * 4,
+        "four",
+        np.array(4),
+        [np.zeros((0, 0, 3))] * 4,
+        [np.full((2, 2, 3), np.nan)] * 4,
+    ],
+)
+def test_what_is_no_image_is_refused(images: object) -> None:
+    with pytest.raises(LightdomeError):
+        estimate_error(images)
+
+
+def test_images_may_come_one_by_one() -> None:
+    assert estimate_error(np.ones((3, 3, 3)) for _ in range(4)).rmse == 0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("estimator", "sequence", "on"),
@@ -231,6 +253,7 @@ def test_a_black_image_needs_no_samples(device: Device, behind: bool) -> None:
     found = render_to_error(build_distribution(device, EnvironmentMap(radiance)), 0.01, resolution=3)
     assert not found.image.any()
     assert (found.error.shape, found.spp, found.rmse, found.reason) == ((3, 3), 0, 0, "error")
+    assert not np.shares_memory(found.image, found.error)
 
 
 @pytest.mark.parametrize(
