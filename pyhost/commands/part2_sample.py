@@ -21,7 +21,7 @@ BYTES_PER_PIXEL = 50  # peak memory on the host per pixel of the map: map, CDFs,
 
 def main() -> None:
     parser = cli.parser(
-        "Draw directions from an environment map with probability proportional to luminance x sin(theta).\n\n"
+        "Draw directions from an environment map with probability proportional to (R + G + B) sin(theta).\n\n"
         "Writes samples_N.npz, and em_N.pfm, em_N.ppm and em_N.png, or the formats of --format: the map with a square"
         " on each pixel drawn. settings.json records how they were made. Another --seed draws another set: how well one"
         " set does is chance.",
@@ -53,7 +53,7 @@ def main() -> None:
     parser.add_argument(
         "--samples-only",
         action="store_true",
-        help="write samples_N.npz and no pictures; the map is read in parts, so it may be larger than the memory",
+        help="write samples_N.npz and no pictures; the map is read in parts, so it may be larger than memory",
     )
     cli.image_options(parser)
     cli.device_option(parser)

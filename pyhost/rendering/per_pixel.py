@@ -258,7 +258,7 @@ def _launch(
     arguments = _of_map(distribution, wanted)
     if "row_cdf" in wanted:
         device.decisions.use("guide tables", "every sample of every pixel searches the map")
-        arguments |= {"row_cdf": cdf.rows, "marginal_cdf": cdf.marginal, **cdf.guide.arguments}
+        arguments |= cdf.arguments | cdf.guide.arguments
     else:
         device.decisions.skip("guide tables", "directions of the cosine need no search")
     factors = {"offset": offset, "k": np.pi / (flux * of_map.scale)}

@@ -471,7 +471,7 @@ def automatic(world: World, ran: Ran, script: str) -> float:
     if script == "part4_pbrt":
         return sphere_exposure(EnvironmentMap(world.radiance["map"]))
     exposures = [auto_exposure(ran.image(f"sphere_{name}.pfm")) for name in ("40", "5")]
-    assert exposures[0] != pytest.approx(exposures[1], rel=0.05)
+    assert exposures[0] != pytest.approx(exposures[1], rel=0.005)
     return exposures[0]
 
 

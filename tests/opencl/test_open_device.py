@@ -326,7 +326,7 @@ def test_kernels_ask_only_a_cpu_for_functions_that_are_not_in_opencl(device: Dev
 def test_a_slow_device_has_a_note_that_says_what_to_install(device: Device) -> None:
     assert replace(device, rates=FAST).note is None
     note = replace(device, rates=replace(FAST, fused=1e10, plain=2e10)).note
-    assert "does 20 G multiply-adds a second, less than a third of numpy's 100 G" in note
+    assert "does 20 G multiply-adds per second, less than a third of numpy's 100 G" in note
     assert "apt-get install pocl-opencl-icd" in note
 
 
