@@ -1,4 +1,4 @@
-"""The error that is estimated without the truth is the true one, and rendering ends when it should."""
+"""The error that is estimated without the exact image is the true one, and rendering ends when it should."""
 
 from __future__ import annotations
 
