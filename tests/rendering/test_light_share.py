@@ -72,6 +72,7 @@ def expected_variances(radiance: np.ndarray, offset: float) -> np.ndarray:
     return result
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_compensated", [False, True])
 def test_variances_are_those_of_a_sum_over_directions(distribution: Distribution, is_compensated: bool) -> None:
     offset, flux = compensated(distribution) if is_compensated else (0.0, 3 * distribution.flux)
@@ -99,8 +100,8 @@ def test_images_have_these_variances(distribution: Distribution) -> None:
 
 @pytest.mark.parametrize("sequence", SEQUENCES)
 @pytest.mark.parametrize("compensation", [False, True])
-@pytest.mark.parametrize("spp", [1, 2, 3, 16])
-@pytest.mark.parametrize("share", [0.01, 1 / 4, 7 / 8, 0.99])
+@pytest.mark.parametrize("spp", [1, 3, 16])
+@pytest.mark.parametrize("share", [0.01, 7 / 8, 0.99])
 def test_any_share_is_unbiased(
     distribution: Distribution, share: float, spp: int, compensation: bool, sequence: str
 ) -> None:
@@ -108,7 +109,7 @@ def test_any_share_is_unbiased(
     images = np.stack(
         [
             image
-            for seed in range(64)
+            for seed in range(32)
             for _, image in render(distribution, [spp], R, 1.0, seed, "mis", sequence, compensation, light_share=share)
         ]
     )
