@@ -98,7 +98,7 @@ def _reason(args: argparse.Namespace, found: Rendered | CheapestImage) -> str:
         "error": f"the error is at most {100 * args.error:.10g} %",
         "time": f"the time is up, {may_be_above}",
         "limit": f"no more samples are taken, {may_be_above}",
-        "light": "the samples have missed light of the map, so the error is larger than estimated",
+        "light": "the samples have missed light of the map",
     }[found.reason or "error"]
 
 
@@ -122,7 +122,9 @@ def _rendered(args: argparse.Namespace, distribution: Distribution) -> tuple[Ren
         print("the image is black")
     else:
         print(f"stopped after {found.spp} spp and {shown(found.seconds)}: {_reason(args, found)}")
-        if math.isfinite(found.interval[1]):
+        if found.reason == "light":
+            print("error: unknown: the image is darker than it must be")
+        elif math.isfinite(found.interval[1]):
             print(f"error: {_percent(found.rmse)}, 95 % interval {_percent(*found.interval)} (estimated from 4 images)")
         else:
             print("error: unknown: the noise is larger than the image")

@@ -823,6 +823,10 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
         found = render_to_error(distribution, error, seconds, *arguments, **options)
         return replace(found, rmse=np.inf, interval=(0.0, np.inf)) if seconds < 1e-3 else found
 
+    with patch.context() as missed:
+        missed.setattr(to_error, "_is_darker", lambda *_: True)
+        ran = until(world, "--error", "90%", "--time", "0.1ms", "--estimator", "bsdf")
+        assert "the samples have missed light of the map\nerror: unknown" in ran.said
     patch.setattr(to_error, "render_to_error", record)
     for text, seconds in (("10", 10), ("2.5s", 2.5), ("500ms", 0.5), ("0.1ms", 1e-4)):
         ran = until(world, "--error", "0.001%" if text == "0.1ms" else "50%", "--time", text)
