@@ -10,8 +10,9 @@
 //
 //     L k c / (q + c)
 //
-// No term is above spp / n_light, so nothing overflows whatever the range of the map. MIS compensation (Karlik et al.
-// 2019) puts max(0, S - offset) in place of S in q, and its integral in place of F; L stays the map's.
+// MIS compensation (Karlik et al. 2019) puts max(0, S - offset) in place of S in q, and its integral in place of F; L
+// stays the map's. Without compensation no term is above spp / n_light, so nothing overflows whatever the range of the
+// map. With it, q = 0 where S <= offset, and the term is L k, which is at most offset k.
 //
 // The cosine's directions fall anywhere in a pixel, whose radiance is constant over its area. The light's directions
 // are uniform over its solid angle. So this converges to the integral over areas (exact_areas.cl).

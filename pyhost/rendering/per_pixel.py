@@ -4,8 +4,8 @@ There are four estimators, all unbiased. One sample per pixel means:
 
 - ``light``: a direction sampled by the light: the least work, but about half of the directions lie below the horizon
 - ``bsdf``: a direction sampled by the cosine: good only if the light is much the same from everywhere
-- ``mis``: two directions, sampled by the light and by the cosine, in parts that suit the map, and weighted by the
-  balance heuristic: never much worse than the better of the two
+- ``mis``: two directions for each sample. Of all of a pixel's directions, the light draws a share that suits the map,
+  and the cosine the rest; they are weighted by the balance heuristic: never much worse than the better of the two
 - ``product``: a direction sampled by light times cosine, approximately: by far the least noise. Its tables take a few
   milliseconds to build, and it is for diffuse surfaces only
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -146,7 +147,7 @@ def test_the_share_suits_the_map(device: Device, name: str, share: float) -> Non
     assert choose_share(distribution) == share
     decision = {d.what: d for d in device.decisions.take()}[UNEQUAL]
     assert decision.used == (share != 1 / 2)
-    assert (f"{share:.3g} of the directions" in decision.why) == decision.used
+    assert (f"{Fraction(share)} of the directions" in decision.why) == decision.used
     images = [next(render(distribution, [4], R, estimator="mis", light_share=given))[1] for given in (None, share)]
     np.testing.assert_array_equal(*images)
 

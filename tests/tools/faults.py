@@ -1684,8 +1684,8 @@ FAULTS: list[Fault] = [
     host(
         "error target: the estimate is enough",
         "to_error.py",
-        '"error" if found.interval[1] <= error',
-        '"error" if found.rmse <= error',
+        "if found.interval[1] <= error and not missed",
+        "if found.rmse <= error and not missed",
         "the wrong end of an interval",
     ),
     host(
