@@ -8,6 +8,7 @@ Pharr, Jakob, Humphreys, 4th ed., A.4, A.5 and 12.5.
 from __future__ import annotations
 
 from decimal import Decimal, localcontext
+from itertools import pairwise
 
 import numpy as np
 
@@ -51,15 +52,34 @@ def flux(radiance: np.ndarray) -> float:
     return float((luminance(radiance) * pixel_solid_angles(*radiance.shape[:2])).sum())
 
 
+def strip_borders(width: int) -> list[int]:
+    """The columns at which a map's vertical strips begin, and its width: up to 8 strips of whole blocks of 16 columns.
+
+    Their number is a power of two, and blocks are divided among them as evenly as they can be.
+    """
+    blocks = width // 16
+    count = next(n for n in (8, 4, 2, 1) if n <= max(blocks, 1))
+    return [blocks * i // count * 16 for i in range(count)] + [width]
+
+
 def invert(radiance: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """The pixels (x, y) chosen by points (u_x, u_y) in [0, 1)^2, (N, 2): the row by p(y), the column by p(x | y)."""
+    """The pixels (x, y) chosen by points (u_x, u_y) in [0, 1)^2, (N, 2).
+
+    u_x chooses a strip by p(strip), u_y the row by p(y | strip), and what is left of u_x the column by p(x | y, strip).
+    """
     p = probability(radiance)
-    rows = np.cumsum(p.sum(axis=1))
+    borders = strip_borders(p.shape[1])
+    strips = np.array([p[:, begin:end].sum() for begin, end in pairwise(borders)])
+    sums = np.cumsum(strips)
     result = np.empty((len(points), 2), np.int64)
     for i, (u_x, u_y) in enumerate(points):
+        s = int(np.searchsorted(sums, u_x * sums[-1], side="right"))
+        rest = (u_x * sums[-1] - (sums[s] - strips[s])) / strips[s]
+        of_strip = p[:, borders[s] : borders[s + 1]]
+        rows = np.cumsum(of_strip.sum(axis=1))
         y = int(np.searchsorted(rows, u_y * rows[-1], side="right"))
-        columns = np.cumsum(p[y])
-        result[i] = np.searchsorted(columns, u_x * columns[-1], side="right"), y
+        columns = np.cumsum(of_strip[y])
+        result[i] = borders[s] + np.searchsorted(columns, rest * columns[-1], side="right"), y
     return result
 
 

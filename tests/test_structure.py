@@ -23,7 +23,7 @@ MAY_IMPORT = {
     "pbrt": {SUPPORT, "maps", "pbrt"},
     "sampling": BASE | {"sampling"},
     "lighting": BASE | {"sampling", "lighting"},
-    "rendering": BASE | {"sampling", "rendering"},
+    "rendering": BASE | {"sampling", "lighting", "rendering"},
     "evaluation": BASE | {"fresnel", "pbrt", "sampling", "lighting", "rendering", "evaluation"},
 }
 MAY_IMPORT["checking"] = MAY_IMPORT["evaluation"] | {"checking"}

@@ -15,6 +15,8 @@
 kernel void render_light(global const float *restrict radiance,
                          global const uint *restrict row_cdf,
                          global const uint *restrict marginal_cdf,
+                         global const uint4 *restrict strips,
+                         const uint strip_bits,
                          global const uint2 *restrict marginal_guide,
                          global const uint2 *restrict row_guide,
                          global const uint *restrict row_total,
@@ -35,8 +37,8 @@ kernel void render_light(global const float *restrict radiance,
 {
     pixel_block block;
     begin_block(&block, disc, pixel_count, begin, seed, resolution);
-    const guided_map map = {row_cdf, marginal_cdf, marginal_guide, row_guide, row_total, marginal_shift, row_shift,
-                            width, height};
+    const guided_map map = {strips, row_cdf, marginal_cdf, marginal_guide, row_guide, row_total, strip_bits,
+                            marginal_shift, row_shift, width, height};
     for (uint s = begin; s < end; ++s) {
         // A pixel of the map, sampled by its light
         uint across[BLOCK], down[BLOCK], x[BLOCK], y[BLOCK];

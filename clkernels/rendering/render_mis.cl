@@ -10,15 +10,17 @@
 //
 //     L k c / (q + c)
 //
-// No term is above spp / n_light, so nothing overflows whatever the range of the map. MIS compensation (Karlik et al.
-// 2019) puts max(0, S - offset) in place of S in q, and its integral in place of F; L stays the map's.
+// MIS compensation (Karlik et al. 2019) puts max(0, S - offset) in place of S in q, and its integral in place of F; L
+// stays the map's. Without compensation no term is above spp / n_light, so nothing overflows whatever the range of the
+// map. With it, q = 0 where S <= offset, and the term is L k, which is at most offset k.
 //
 // The cosine's directions fall anywhere in a pixel, whose radiance is constant over its area. The light's directions
 // are uniform over its solid angle. So this converges to the integral over areas (exact_areas.cl).
 //
 // Arguments are those of pixel_block.clh, and
 //
-// row_cdf, marginal_cdf  of S - offset
+// row_cdf, marginal_cdf, strips
+//                        of S - offset
 // edge                   cos(theta) at the height + 1 borders of rows
 // offset                 in units of the scaled map
 // spp, n_light           see above; a launch adds the parts of the light's and of the cosine's samples from begin to end
@@ -83,6 +85,8 @@ static inline uint samples_until(uint done, uint count, uint spp)
 kernel void render_mis(global const float *restrict radiance,
                        global const uint *restrict row_cdf,
                        global const uint *restrict marginal_cdf,
+                       global const uint4 *restrict strips,
+                       const uint strip_bits,
                        global const uint2 *restrict marginal_guide,
                        global const uint2 *restrict row_guide,
                        global const uint *restrict row_total,
@@ -106,7 +110,8 @@ kernel void render_mis(global const float *restrict radiance,
 {
     const uint n_cosine = 2 * spp - n_light;
     const light_map light = {
-        .map = {row_cdf, marginal_cdf, marginal_guide, row_guide, row_total, marginal_shift, row_shift, width, height},
+        .map = {strips, row_cdf, marginal_cdf, marginal_guide, row_guide, row_total, strip_bits, marginal_shift,
+                row_shift, width, height},
         .radiance = radiance,
         .edge = edge,
         .scale = scale,

@@ -1,8 +1,11 @@
 // The rows that samples of an environment map fall into, and the numbers that pick the pixels in them.
 //
-//     row(i) = the row that `down` picks by the CDF over rows    across(i) = `across`    for point i = (across, down)
+//     row(i) = the row that `down` picks by the CDF over rows of the strip that `across` picks (strips.clh)
+//     across(i) = `across`    for point i = (across, down)
 //
-// marginal_cdf  from marginal_cdf.cl, height integers
+// marginal_cdf  from marginal_cdf.cl, strips x height integers
+// strips, strip_bits
+//               the table of the map's 2^strip_bits strips
 // seed, generator
 //               of the sequence that the points come from (sequence.clh)
 // row           count integers
@@ -33,6 +36,8 @@ static inline uint invert_cdf(global const uint *cdf, uint n, uint u)
 }
 
 kernel void choose_rows(global const uint *restrict marginal_cdf,
+                        global const uint4 *restrict strips,
+                        const uint strip_bits,
                         const uint height,
                         const uint count,
                         const uint2 seed,
@@ -46,9 +51,10 @@ kernel void choose_rows(global const uint *restrict marginal_cdf,
         return;
     const uint2 point = sequence_point(i, count, generator, 0u, seed);
     const uint2 further = further_bits(i, 0u, seed);
+    marginal_cdf += (size_t)strips[strip_entry(strips, strip_bits, point.x)].w * height;
     const uint y = invert_cdf(marginal_cdf, height, point.y);
     row[i] = y;
     across[i] = ((ulong)point.x << 32) + further.x;
-    const uint below = y == 0 ? 0 : marginal_cdf[y - 1];
-    place[i] = place_in_step(point.y, further.y, below, marginal_cdf[y], marginal_cdf[height - 1]);
+    const uint below = y == 0 ? 0 : marginal_cdf[y - 1], total = marginal_cdf[height - 1];
+    place[i] = place_between(point.y, further.y, points_below(below, total), points_below(marginal_cdf[y], total));
 }

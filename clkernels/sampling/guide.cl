@@ -6,26 +6,28 @@
 // Source: Chen and Asau, On Generating Random Variates from an Empirical Distribution (1974); Devroye, Non-Uniform
 // Random Variate Generation (1986), III.2.4; a record splits its bucket as the alias method does.
 //
-// cdf      n integers per CDF, one CDF after another
+// cdf      rows of `width` integers, each of which holds the CDFs of 2^strip_bits strips (strips.clh)
 // guide    2^32 >> shift records per CDF, see guided.clh; those of an empty CDF stay unset, as it is never searched
 // total    the last entry of each CDF
 //
 // One work-item per CDF.
 
 #include "common/guided.clh"
+#include "common/strips.clh"
 
 kernel void guide(global const uint *restrict cdf,
-                  const uint n,
+                  const uint width,
+                  const uint strip_bits,
                   const uint shift,
                   global uint2 *restrict guide,
                   global uint *restrict total)
 {
-    const size_t row = get_global_id(0);
-    const uint buckets = 1u << (32 - shift);
-    cdf += row * n;
-    guide += row * buckets;
-    const uint sum = cdf[n - 1];
-    total[row] = sum;
+    const size_t index = get_global_id(0);
+    const uint buckets = 1u << (32 - shift), strip = index & ((1u << strip_bits) - 1);
+    cdf += (index >> strip_bits) * width + strip_begin(strip, strip_bits, width);
+    guide += index * buckets;
+    const uint sum = cdf[strip_width(strip, strip_bits, width) - 1];
+    total[index] = sum;
     if (sum == 0)
         return;
     uint first = 0, end = 0;

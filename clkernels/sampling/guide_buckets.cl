@@ -7,6 +7,7 @@
 // Arguments: guide.cl. One work-item per (bucket, CDF).
 
 #include "common/guided.clh"
+#include "common/strips.clh"
 
 // The index of the first entry above u, out of the steps + 1 entries from cdf[first] on; the last of them is above u.
 static inline uint first_above(global const uint *cdf, uint first, uint steps, uint u)
@@ -21,18 +22,20 @@ static inline uint first_above(global const uint *cdf, uint first, uint steps, u
 }
 
 kernel void guide_buckets(global const uint *restrict cdf,
-                          const uint n,
+                          const uint width,
+                          const uint strip_bits,
                           const uint shift,
                           global uint2 *restrict guide,
                           global uint *restrict total)
 {
     const uint b = get_global_id(0);
-    const size_t row = get_global_id(1);
-    cdf += row * n;
-    guide += row << (32 - shift);
+    const size_t index = get_global_id(1);
+    const uint strip = index & ((1u << strip_bits) - 1), n = strip_width(strip, strip_bits, width);
+    cdf += (index >> strip_bits) * width + strip_begin(strip, strip_bits, width);
+    guide += index << (32 - shift);
     const uint sum = cdf[n - 1];
     if (b == 0)
-        total[row] = sum;
+        total[index] = sum;
     if (sum == 0)
         return;
     const ulong begin = (ulong)(b << shift) * sum, next = begin + ((ulong)sum << shift);

@@ -1,6 +1,6 @@
 // Draw pixels as sample.cl does, with their probabilities but without directions and radiance.
 //
-//     y from the CDF over rows, x from the CDF of row y,  p(x, y) = f(x, y) sin(theta_y) / total
+//     a strip, y from its CDF over rows, x from the CDF of row y in it,  p(x, y) = f(x, y) sin(theta_y) / total
 //
 // Arguments: sample_block.clh. One work-item per BLOCK samples.
 
@@ -8,6 +8,8 @@
 
 kernel void sample_pixels(global const uint *restrict row_cdf,
                           global const uint *restrict marginal_cdf,
+                          global const uint4 *restrict strips,
+                          const uint strip_bits,
                           global const float *restrict radiance,
                           global const float2 *restrict theta,
                           const uint width,
@@ -24,7 +26,7 @@ kernel void sample_pixels(global const uint *restrict row_cdf,
     const uint begin = get_global_id(0) * BLOCK, n = min((uint)BLOCK, count - begin);
     uint across[BLOCK], down[BLOCK], x[BLOCK], y[BLOCK];
     sequence_block(points, begin, count, generator, 0u, seed, across, down);
-    search_pixels(row_cdf, marginal_cdf, width, height, across, down, x, y);
+    search_pixels(row_cdf, marginal_cdf, strips, strip_bits, width, height, across, down, x, y);
 
     float red[BLOCK], green[BLOCK], blue[BLOCK], f[BLOCK];
     load_radiance(radiance, width, scale, x, y, n, red, green, blue, f);

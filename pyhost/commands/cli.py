@@ -449,9 +449,11 @@ def non_negative_float(text: str) -> float:
 
 
 def error(text: str) -> float:
-    """Argument type: a relative error from 0.001 % to 100 %, in per cent (``1%``) or as a fraction (``0.01``)."""
+    """Argument type: a relative error from 0.001 % to 100 %, in percent (``1%``) or as a fraction (``0.01``)."""
     wanted = "an error such as 1% or 0.01, from 0.001% to 100%"
     value = _number(float, text.removesuffix("%"), lambda v: v > 0, wanted) / (100 if text.endswith("%") else 1)
+    if value >= 1 and not text.endswith("%"):
+        raise argparse.ArgumentTypeError(f"{text} is ambiguous; write {text}%, or a fraction below 1")
     if not 1e-5 <= value <= 1:
         raise argparse.ArgumentTypeError(f"{text} is not {wanted}")
     return value

@@ -80,7 +80,7 @@ def parse_arguments() -> argparse.Namespace:
         "--light-share",
         type=_share,
         metavar="SHARE",
-        help="with --estimator mis, the part of a pixel's directions that the light samples, above 0 and below 1"
+        help="with --estimator mis, the share of a pixel's directions drawn by the light, above 0 and below 1"
         " (default: by the map)",
     )
     parser.add_argument(

@@ -24,21 +24,21 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--error",
         type=cli.error,
-        metavar="PERCENT",
-        help="instead of --spp: render until the relative RMSE is at most this, such as 1%% or 0.01, with a confidence"
-        " of 95%% (default: none)",
+        metavar="ERROR",
+        help="instead of --spp: render until the upper end of the relative RMSE's 95%% interval is at most this, such"
+        " as 1%% or 0.01 (default: none)",
     )
     parser.add_argument(
         "--time",
         type=cli.seconds,
         metavar="SECONDS",
-        help="with --error: stop after this time at the latest, such as 10s or 500ms (default: none)",
+        help="with --error: stop after about this time, such as 10s or 500ms (default: none)",
     )
     parser.add_argument(
         "--auto",
         action="store_true",
         help="with --error: measure which method reaches the error in the least time, and use it; it may be the exact"
-        " image",
+        " image. Not with --estimator, --sequence or --time",
     )
 
 
@@ -74,6 +74,7 @@ def run(args: argparse.Namespace, out: Path, envmap: EnvironmentMap) -> None:
     device = cli.open_device(args)
     print(f"map: {args.map}, {envmap.width} x {envmap.height}")
     distribution = build_distribution(device, envmap)
+    cli.explain(args, "the map", device.decisions.take())
     found, reached = _automatic(args, distribution) if args.auto else _rendered(args, distribution)
     cli.explain(args, "the image", device.decisions.take())
     exposure = args.exposure or sphere_exposure(envmap, args.albedo)
@@ -90,8 +91,20 @@ def _percent(*values: float) -> str:
     return " to ".join(f"{100 * value:.3g}" for value in values) + " %"
 
 
+def _reason(args: argparse.Namespace, found: Rendered | CheapestImage) -> str:
+    """Why samples per pixel ended."""
+    may_be_above = f"but the error may be above {100 * args.error:.10g} %"
+    return {
+        "error": f"the error is at most {100 * args.error:.10g} %",
+        "time": f"the time is up, {may_be_above}",
+        "limit": f"no more samples are taken, {may_be_above}",
+        "light": "the samples have missed light of the map",
+    }[found.reason or "error"]
+
+
 def _rendered(args: argparse.Namespace, distribution: Distribution) -> tuple[Rendered, dict[str, Any]]:
     """Samples per pixel, as many as are needed."""
+    from ..evaluation.choice import shown
     from ..rendering.to_error import render_to_error
 
     found = render_to_error(
@@ -105,21 +118,28 @@ def _rendered(args: argparse.Namespace, distribution: Distribution) -> tuple[Ren
         args.sequence,
         within=args.within,
     )
-    reasons = {
-        "error": f"the error is at most {_percent(args.error)}",
-        "time": f"the time is up, but the error may be above {_percent(args.error)}",
-        "limit": f"no more samples are taken, but the error may be above {_percent(args.error)}",
-    }
-    print(f"stopped after {found.spp} spp and {found.seconds:.2f} s: {reasons[found.reason]}")
-    print(f"error: {_percent(found.rmse)}, 95 % interval {_percent(*found.interval)} (estimated from 4 images)")
+    if found.reason == "error" and not found.image.any():
+        print("the image is black")
+    else:
+        print(f"stopped after {found.spp} spp and {shown(found.seconds)}: {_reason(args, found)}")
+        if found.reason == "light":
+            print("error: unknown: the image is darker than it must be")
+        elif math.isfinite(found.interval[1]):
+            print(f"error: {_percent(found.rmse)}, 95 % interval {_percent(*found.interval)} (estimated from 4 images)")
+        else:
+            print("error: unknown: the noise is larger than the image")
     if args.estimator == "bsdf":
-        print("note: this leaves out light that no sample has hit, such as a small sun", file=sys.stderr)
+        print(
+            "note: the estimate does not include light that no sample has hit, such as a small sun; --estimator product"
+            " finds it",
+            file=sys.stderr,
+        )
     return found, {"reason": found.reason, "spp": found.spp, **_numbers(found)}
 
 
 def _automatic(args: argparse.Namespace, distribution: Distribution) -> tuple[CheapestImage, dict[str, Any]]:
     """The cheapest method, and why it is that."""
-    from ..evaluation.choice import render_cheapest
+    from ..evaluation.choice import render_cheapest, shown
 
     found = render_cheapest(distribution, args.error, args.resolution, args.albedo, args.seed, args.within)
     best, *others = found.choices
@@ -129,8 +149,11 @@ def _automatic(args: argparse.Namespace, distribution: Distribution) -> tuple[Ch
     if best.method != "exact" and "exact" not in (other.method for other in others[: SHOWN - 1]):
         print(f"slower: {next(other for other in others if other.method == 'exact')}")
     how = "estimated" if found.interval else "known" if best.method == "exact" else "measured on a small image"
-    print(f"rendered in {found.seconds:.2g} s, error: {_percent(found.rmse)} ({how})")
-    chosen = {"method": best.method, "count": best.count}
+    error = _percent(found.rmse) if math.isfinite(found.rmse) else "unknown"
+    print(f"rendered in {shown(found.seconds)}, error: {error} ({how})")
+    if found.reason:
+        print(f"stopped: {_reason(args, found)}")
+    chosen = {"method": best.method, "count": best.count, "reason": found.reason}
     return found, {**chosen, "others": [str(other) for other in others], **_numbers(found)}
 
 
@@ -154,4 +177,6 @@ def _write_error(args: argparse.Namespace, out: Path, found: Rendered | Cheapest
 
         save_figure(error_figure(found.error, found.rmse), out / "error.png")
         names.append("error.png")
+    if not names:
+        print("note: the image of the error is written as pfm, exr or png; see --format", file=sys.stderr)
     return names

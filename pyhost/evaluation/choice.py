@@ -1,8 +1,9 @@
 """The cheapest method that reaches an error on one map and device, found by measuring them on a small image.
 
-The small image's truth is its exact image, which takes milliseconds. The errors of lights and harmonics are smooth, and
-those of samples per pixel do not depend on the resolution, so their relative RMSE on a large image is nearly the same.
-Times are measured at two resolutions, and from there on grow with the number of pixels. Programs are built beforehand.
+The small image's truth is its exact image, which takes milliseconds on a map of 1024 x 512 pixels. The errors of lights
+and harmonics are smooth, and those of samples per pixel do not depend on the resolution, so their relative RMSE on a
+large image is nearly the same. Times are measured at two resolutions, and from there on are assumed to grow with the
+number of pixels. The first run of each method, which may build kernels, is not timed.
 """
 
 from __future__ import annotations
@@ -24,8 +25,9 @@ from ..lighting.median_cut import median_cut
 from ..lighting.shade import shade, shade_samples
 from ..names import ESTIMATORS, PIXEL_SEQUENCES, SEED, WITHIN, per_pixel
 from ..progress import Progress
+from ..rendering.estimate import estimate_error
 from ..rendering.per_pixel import render
-from ..rendering.to_error import FIRST, IMAGES, MOST, SMALLEST, render_to_error
+from ..rendering.to_error import FACTOR, FIRST, IMAGES, MOST, SMALLEST, render_to_error
 from ..sampling.distribution import Distribution
 from .metrics import relative_rmse
 
@@ -37,6 +39,7 @@ SHARED = {  # orders, lights and samples to try
     "lattice": (64, 256, 1024, 4096, 16384),
 }
 TRIED = FIRST, 16 * FIRST  # samples per pixel
+LONG = 0.1  # seconds of a run that need not be measured again
 
 Run = Callable[[int], np.ndarray]  # (resolution) -> image
 
@@ -49,7 +52,7 @@ class Choice:
       and a sequence, as the benchmark names them
     - ``count``: the order of harmonics, the number of lights or samples, or about the samples per pixel
     - ``error``: its relative RMSE on a small image
-    - ``seconds``: its wall time at the resolution asked for, from a map on the device to the image
+    - ``seconds``: its predicted wall time at the resolution asked for, with a map and its CDFs on the device
     """
 
     method: str
@@ -65,8 +68,7 @@ class Choice:
             "lattice": f" with {self.count} samples for all pixels",
         }
         count = counts.get(self.method, f" with {self.count} spp")
-        seconds = f"{self.seconds:.2g} s" if self.seconds >= 0.1 else f"{1e3 * self.seconds:.2g} ms"
-        return f"{self.method}{count}: {seconds}, error {100 * self.error:.2g} %"
+        return f"{self.method}{count}: {shown(self.seconds)}, error {100 * self.error:.2g} %"
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +81,7 @@ class CheapestImage:
     - ``rmse``, ``interval``: the relative RMSE, and its interval of 95 % where samples per pixel estimate it
     - ``choices``: all methods measured that should reach the error, the cheapest first
     - ``seconds``: the wall time of the image alone
+    - ``reason``: why samples per pixel ended, as in :class:`lightdome.rendering.Rendered`; None for another method
     """
 
     image: np.ndarray
@@ -87,6 +90,14 @@ class CheapestImage:
     interval: tuple[float, float] | None
     choices: list[Choice]
     seconds: float
+    reason: Literal["error", "time", "limit", "light"] | None
+
+
+def shown(seconds: float) -> str:
+    """A time for people to read."""
+    if seconds < 0.1:
+        return f"{1e3 * seconds:.2g} ms"
+    return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
 
 
 def render_cheapest(
@@ -109,7 +120,7 @@ def render_cheapest(
     resolution, albedo = check_resolution(resolution), checks.albedo(albedo)
     if within is not None:
         checks.choice("place within a pixel", within, WITHIN)
-    trial = _Trial(distribution, error, resolution, seed, within)
+    trial = _Trial(distribution, error, resolution, seed, within, albedo)
     choices: list[Choice] = []
     with Progress("measuring methods") as progress:
         for choice in trial.choices():
@@ -119,25 +130,28 @@ def render_cheapest(
     best = choices[0]
     if best.method in trial.per_pixel:
         estimator, sequence = trial.per_pixel[best.method]
+        distribution.device.decisions.take()  # those of trials are not those of the image
         found = render_to_error(distribution, error, None, resolution, albedo, seed, estimator, sequence, within=within)
-        return CheapestImage(found.image, found.error, found.rmse, found.interval, choices, found.seconds)
-    run = trial.run(best.method, best.count, albedo)
+        return CheapestImage(found.image, found.error, found.rmse, found.interval, choices, found.seconds, found.reason)
+    run = trial.run(best.method, best.count)
+    of_pixels = np.sqrt(((run(trial.small) - trial.truth.astype(np.float64)) ** 2).mean(axis=2))
+    distribution.device.decisions.take()
     start = time.perf_counter()
     image = run(resolution)
     seconds = time.perf_counter() - start
-    of_pixels = np.sqrt(((run(trial.small) - albedo * trial.truth.astype(np.float64)) ** 2).mean(axis=2))
     nearest = np.arange(resolution) * trial.small // resolution
     enlarged = np.where(disc_mask(resolution), of_pixels[np.ix_(nearest, nearest)], 0)
-    return CheapestImage(image, to_float32(enlarged), best.error, None, choices, seconds)
+    return CheapestImage(image, to_float32(enlarged), best.error, None, choices, seconds, None)
 
 
 class _Trial:
-    """Methods, tried on small images."""
+    """Measures methods on small images."""
 
     def __init__(
-        self, distribution: Distribution, error: float, resolution: int, seed: int, within: str | None
+        self, distribution: Distribution, error: float, resolution: int, seed: int, within: str | None, albedo: float
     ) -> None:
         self.distribution, self.error, self.resolution, self.seed = distribution, error, resolution, seed
+        self.albedo = albedo
         self.within: Any = within
         self.pixels: Any = "areas" if within == "pixel" else "centres"
         self.small, self.larger = min(resolution, SMALL), min(resolution, LARGER)
@@ -149,9 +163,14 @@ class _Trial:
             for sequence in reversed(PIXEL_SEQUENCES)  # the best first
         }
 
-    def run(self, method: str, count: int, albedo: float = 1.0) -> Run:
+    def run(self, method: str, count: int) -> Run:
         """A function from a resolution to the method's image."""
-        distribution, device, of_map = self.distribution, self.distribution.device, self.distribution.map
+        albedo, distribution, device, of_map = (
+            self.albedo,
+            self.distribution,
+            self.distribution.device,
+            self.distribution.map,
+        )
         if method == "exact":
             return lambda resolution: exact(device, of_map, resolution, albedo, self.pixels)
         if method == "harmonics":
@@ -170,6 +189,23 @@ class _Trial:
             render(distribution, [count], resolution, albedo, self.seed, estimator, sequence, within=self.within)
         )[1]
 
+    def one_round(self, method: str) -> Run:
+        """A function from a resolution to the image of a single round of :func:`render_to_error`."""
+        estimator, sequence = self.per_pixel[method]
+        return lambda resolution: (
+            render_to_error(
+                self.distribution,
+                SMALLEST,
+                1e-9,
+                resolution,
+                self.albedo,
+                self.seed,
+                estimator,
+                sequence,
+                within=self.within,
+            ).image
+        )
+
     def off(self, run: Run) -> float:
         """The relative RMSE of the small image."""
         mask = disc_mask(self.small)
@@ -185,9 +221,9 @@ class _Trial:
 
     @staticmethod
     def shortest(run: Run, resolution: int) -> float:
-        """The shortest of three runs."""
-        walls = []
-        for _ in range(3):
+        """The shortest of three runs, or fewer if one takes long."""
+        walls: list[float] = []
+        while len(walls) < 3 and max(walls, default=0) < LONG:
             start = time.perf_counter()
             run(resolution)
             walls.append(time.perf_counter() - start)
@@ -209,7 +245,9 @@ class _Trial:
                     break
         for method in self.per_pixel:
             first, more = (self.run(method, count) for count in TRIED)
-            fewest = self.seconds(first, IMAGES)
+            once = self.one_round(method)
+            once(self.small)  # builds the kernels
+            fewest = self.seconds(once)
             if fewest >= best.seconds:  # and the other estimators need about as much
                 return
             sampled = self.with_samples(method, first, more, fewest)
@@ -228,6 +266,8 @@ class _Trial:
         if wanted > MOST:
             return None
         spp = max(TRIED[0], math.ceil(wanted))
-        most = self.seconds(more, IMAGES)
-        a_sample = max(most - fewest, most / 2) / (TRIED[1] - TRIED[0])  # not 0, as by an unlucky measurement
-        return Choice(method, IMAGES * spp, self.error, fewest + (spp - TRIED[0]) * a_sample)
+        least, most = (self.seconds(run, IMAGES) for run in (first, more))
+        a_sample = max(most - least, most / 2) / (TRIED[1] - TRIED[0])  # not 0, as by an unlucky measurement
+        estimates = math.ceil(math.log(spp / FIRST, FACTOR))  # after the first, which ``fewest`` has
+        estimate = self.seconds(lambda size: estimate_error([np.ones((size, size, 3), np.float32)] * IMAGES).image)
+        return Choice(method, IMAGES * spp, self.error, fewest + (spp - TRIED[0]) * a_sample + estimates * estimate)

@@ -1,4 +1,4 @@
-"""Plot the error of each pixel of an image, as an estimate without the truth has it."""
+"""Plot the error of each pixel of an image, as an estimate without the exact image has it."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ def error_figure(error: np.ndarray, rmse: float) -> Figure:
     plot = figure.subplots()
     drawn = plot.imshow(np.where(inside, error, np.nan), cmap="viridis", vmin=0, vmax=most)
     figure.colorbar(drawn, ax=plot, shrink=0.9, extend="max", label="radiance")
-    plot.set_title(f"error of each pixel; relative RMSE {100 * rmse:.3g} %", fontsize=10)
+    of_all = f"{100 * rmse:.3g} %" if np.isfinite(rmse) else "unknown"
+    plot.set_title(f"error of each pixel; relative RMSE {of_all}", fontsize=10)
     plot.set_axis_off()
     return figure

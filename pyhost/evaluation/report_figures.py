@@ -22,6 +22,7 @@ from ..maps.images import auto_exposure, tone_map
 from ..opencl import memory
 from ..plotting import BLACK, BLUE, VERMILLION
 from ..sampling.distribution import Distribution
+from ..sampling.strips import strip_borders
 from .metrics import left_after_averaging
 
 LINES = [(BLACK, "-"), (BLUE, "--"), (VERMILLION, (0, (1.2, 1.2)))]
@@ -31,13 +32,17 @@ DPI = 300  # of the pictures inside; those of 511 pixels lose no sharpness
 
 @plotting.plain()
 def cdfs(distribution: Distribution) -> Figure:
-    """The map beside the CDF over its rows, and the CDF of every row as a picture beside three of them as curves."""
+    """The map beside the CDFs over its rows, and the CDFs of every row as a picture beside those of three as curves.
+
+    There is a CDF over rows for each strip of columns, and every row has a CDF in each strip.
+    """
     radiance = distribution.envmap.radiance
     height, width = radiance.shape[:2]
-    rows = _unit(memory.download(distribution.device, distribution.cdf.rows))
-    marginal = _unit(memory.download(distribution.device, distribution.cdf.marginal)[None])[0]
+    rows = memory.download(distribution.device, distribution.cdf.rows)
+    rows = np.concatenate([_unit(of_strip) for of_strip in np.split(rows, strip_borders(width)[1:-1], axis=1)], axis=1)
+    marginal = _unit(memory.download(distribution.device, distribution.cdf.marginal))
     # The rows in which a quarter, half and three quarters of the light are reached; these are never black.
-    chosen = np.searchsorted(marginal, (0.25, 0.5, 0.75))
+    chosen = np.searchsorted(np.cumsum(distribution.probability_image().sum(axis=1)), (0.25, 0.5, 0.75))
 
     figure = Figure(figsize=(9, 5.2), layout="constrained")
     grid = figure.subplots(2, 2, width_ratios=[2, 1.15])
@@ -45,17 +50,17 @@ def cdfs(distribution: Distribution) -> Figure:
     picture.imshow(tone_map(radiance, auto_exposure(radiance)), aspect="auto")
     picture.set_title("the map, and three of its rows", loc="left")
     shown = all_rows.imshow(rows, cmap="cividis", vmin=0, vmax=1, aspect="auto")
-    all_rows.set_title("P(x | y), every row's CDF", loc="left")
-    figure.colorbar(shown, ax=all_rows, location="bottom", shrink=0.6, aspect=40, label="P(x | y)")
-    over_rows.plot(marginal, np.arange(height), color=BLACK)
-    over_rows.set_title("P(y), the CDF over rows", loc="left")
+    all_rows.set_title("P(x | y, s), every row's CDFs", loc="left")
+    figure.colorbar(shown, ax=all_rows, location="bottom", shrink=0.6, aspect=40, label="P(x | y, s)")
+    over_rows.plot(marginal.T, np.arange(height), color=BLACK, linewidth=0.8)
+    over_rows.set_title("P(y | s), the CDFs over rows", loc="left")
     over_rows.set_ylim(height - 0.5, -0.5)  # like the map beside it
     for y, (colour, style) in zip(chosen, LINES, strict=True):
         picture.axhline(y, color="white", linewidth=2.4)
         for axes in (picture, over_rows):
             axes.axhline(y, color=colour, linestyle=style, linewidth=1.2)
         some_rows.plot(rows[y], color=colour, linestyle=style, label=f"y = {y}")
-    some_rows.set_title("P(x | y) of the three rows", loc="left")
+    some_rows.set_title("P(x | y, s) of the three rows", loc="left")
     some_rows.set_xlim(-0.5, width - 0.5)
     some_rows.set_xlabel("x, pixels")
     some_rows.legend(fontsize=8)

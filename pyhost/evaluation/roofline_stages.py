@@ -120,11 +120,13 @@ class MapStages:
         work = Work((12 + 4) * pixels, 7 * pixels, pixels, "pixels")
         yield self._stage("row cdf", rows, work, beside_copy=True)
         build = partial(build_distribution, self.device, self.envmap)
-        work = Work((8 + 4 + 4) * height, 5 * height, height, "rows")
+        strips, _ = self.distribution.cdf.marginal.shape
+        work = Work((8 * strips + 4 + 4 * strips) * height, 5 * strips * height, height, "rows")
         yield self._stage("marginal cdf", build, work, events=("marginal cdf",))
         # Each entry of the CDFs is read and compared once, and an index per bucket is written.
         guide = self.distribution.cdf.guide
-        work = Work(4 * pixels + guide.rows.dtype.itemsize * guide.rows.shape[1] * height, pixels, pixels, "pixels")
+        cdfs, buckets, _ = guide.rows.shape
+        work = Work(4 * pixels + guide.rows.dtype.itemsize * cdfs * buckets, pixels, pixels, "pixels")
         yield self._stage("guide", lambda: replace(self.distribution.cdf).guide, work)
         work = Work(12 * pixels, 3 * (2 * ORDER + 1) * pixels, pixels, "pixels")
         of_map = self.distribution.map

@@ -11,6 +11,7 @@ import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Protocol
 
@@ -32,6 +33,7 @@ from ..sampling.cdf import MapCDF
 from ..sampling.distribution import Distribution, build_distribution
 from ..sampling.draw import drawn, given_points
 from ..sampling.samples import Samples
+from ..sampling.strips import strip_borders, strip_table
 
 NORMAL = 2.0**-126  # float32's smallest normal number, below which digits are lost
 QUANTUM = 2.0**-149  # float32's smallest positive number
@@ -149,9 +151,16 @@ class Lightdome:
         self.flux = distribution.flux
         device, height, width = distribution.device, distribution.envmap.height, distribution.envmap.width
         # CDFs of equal steps, so that the point ((x + 1/2) / W, (y + 1/2) / H) picks the pixel (x, y).
-        steps = [np.arange(1, n + 1, dtype=np.uint32) for n in (width, height)]
-        rows = memory.upload(device, np.tile(steps[0], (height, 1)))
-        self._even = MapCDF(device, rows, memory.upload(device, steps[1]), distribution.total)
+        widths = np.diff(strip_borders(width))
+        rows = np.tile(np.concatenate([np.arange(1, n + 1) for n in widths]), (height, 1))
+        marginal = np.tile(np.arange(1, height + 1), (len(widths), 1))
+        self._even = MapCDF(
+            device,
+            memory.upload(device, rows.astype(np.uint32)),
+            memory.upload(device, marginal.astype(np.uint32)),
+            memory.upload(device, strip_table(widths.astype(np.float64))),
+            distribution.total,
+        )
 
     def probability(self, rows: slice) -> np.ndarray:
         envmap = self.distribution.envmap
@@ -271,19 +280,25 @@ def cdf_figures(distribution: Distribution, truth: Truth) -> Figures:
     device = distribution.device
     rows_cdf = memory.download(device, distribution.cdf.rows)
     marginal = memory.download(device, distribution.cdf.marginal).astype(np.int64)
-    steps_y = np.diff(marginal, prepend=0)
+    steps_y = np.diff(marginal, prepend=0, axis=1)
+    share = np.zeros(len(marginal))  # of each strip
+    table = memory.download(device, distribution.cdf.strips).astype(np.int64)
+    np.add.at(share, table[:, 3], np.diff(table[:, 0], append=2**32) / 2**32)
     figures = {"cdf": float(np.count_nonzero(steps_y < 0)), "undrawn": 0.0, "undrawn_flux": 0.0}
     variation = 0.0
     for rows in truth.blocks():
-        steps = np.diff(rows_cdf[rows].astype(np.int64), prepend=0, axis=1)
-        p = truth.probability(rows)
-        drawn = (steps_y[rows] / marginal[-1])[:, None] * (steps / np.maximum(rows_cdf[rows, -1:], 1))
-        figures["cdf"] += np.count_nonzero((steps < 0) | ((steps > 0) & (p == 0)))
-        figures["cdf"] += np.count_nonzero(steps_y[rows][~p.any(axis=1)])
-        variation += np.abs(drawn - p).sum() / 2
-        never = (p > 0) & (drawn == 0)
-        figures["undrawn"] += np.count_nonzero(never)
-        figures["undrawn_flux"] += p[never].sum()
+        p_of_rows = truth.probability(rows)
+        for strip, (begin, end) in enumerate(pairwise(strip_borders(truth.width))):
+            cdf, p = rows_cdf[rows, begin:end].astype(np.int64), p_of_rows[:, begin:end]
+            steps = np.diff(cdf, prepend=0, axis=1)
+            p_row = share[strip] * steps_y[strip, rows] / max(marginal[strip, -1], 1)
+            drawn = p_row[:, None] * (steps / np.maximum(cdf[:, -1:], 1))
+            figures["cdf"] += np.count_nonzero((steps < 0) | ((steps > 0) & (p == 0)))
+            figures["cdf"] += np.count_nonzero(p_row[~p.any(axis=1)])
+            variation += np.abs(drawn - p).sum() / 2
+            never = (p > 0) & (drawn == 0)
+            figures["undrawn"] += np.count_nonzero(never)
+            figures["undrawn_flux"] += p[never].sum()
     figures["drawn"] = variation / ((truth.width + truth.height) * 2.0**-31 + 5e-7)
     return figures
 

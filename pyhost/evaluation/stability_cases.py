@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from itertools import product
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from ..opencl import memory
 from ..opencl.device import Device
 from ..rendering.per_pixel import ESTIMATORS, render
 from ..sampling.distribution import build_distribution
+from ..sampling.strips import strip_borders
 from .stability import Case, Figures, image_figures, measure_map
 
 Map = np.ndarray  # (H, W, 3) float32
@@ -127,21 +128,37 @@ def ends(maps: Maps, device: Device, _: int) -> Iterator[Figures]:
     """Points at 0, just below 1, and at and next to each step of each CDF, against integer arithmetic."""
     for radiance in maps():
         distribution = build_distribution(device, EnvironmentMap(radiance))
-        cdf = memory.download(device, distribution.cdf.rows)
+        rows = memory.download(device, distribution.cdf.rows)
         marginal = memory.download(device, distribution.cdf.marginal)
-        points = [np.stack(np.meshgrid(_telling(marginal), _telling(marginal)), axis=-1).reshape(-1, 2)]
-        for y in np.flatnonzero(np.diff(marginal, prepend=0)):
-            u = _telling(cdf[y])
-            points.append(np.stack([u, np.full_like(u, _edges(marginal)[y] - 1)], axis=1))
+        table = memory.download(device, distribution.cdf.strips).astype(np.int64)
+        first, strips = table[:, 0], table[:, 3]
+        size = np.diff(first, append=2**32)
+        borders = strip_borders(distribution.envmap.width)
+        cdfs = [rows[:, begin:end] for begin, end in pairwise(borders)]
+
+        points = []
+        for entry in np.flatnonzero(size):
+            down = _telling(marginal[strips[entry]])
+            points.append(np.stack(np.meshgrid(_next_to(first[entry : entry + 1]), down), axis=-1).reshape(-1, 2))
+            for y in np.flatnonzero(np.diff(marginal[strips[entry]], prepend=0)):
+                edges = first[entry] - (-_edges(cdfs[strips[entry]][y]) * size[entry] >> 32)
+                across = _next_to(edges)
+                points.append(np.stack([across, np.full_like(across, _edges(marginal[strips[entry]])[y] - 1)], axis=1))
         u = np.concatenate(points)
         samples = distribution.sample_at(u / 2.0**32)
-        rows = np.searchsorted(marginal, u[:, 1] * int(marginal[-1]) >> 32, side="right")
-        x = [
-            np.searchsorted(cdf[j], v * int(cdf[j, -1]) >> 32, side="right") for j, v in zip(rows, u[:, 0], strict=True)
-        ]
-        p = reference.probability(radiance)[rows, x]
+
+        expected = []
+        for across, down in u.tolist():
+            entry = np.searchsorted(first, across, side="right") - 1
+            strip = strips[entry]
+            y = np.searchsorted(marginal[strip], down * int(marginal[strip, -1]) >> 32, side="right")
+            rest = (across - int(first[entry])) * (2**64 // int(size[entry])) >> 32
+            cdf = cdfs[strip][y]
+            expected.append((borders[strip] + np.searchsorted(cdf, rest * int(cdf[-1]) >> 32, side="right"), y))
+        x, y = np.array(expected).T
+        p = reference.probability(radiance)[y, x]
         yield {
-            "wrong": float(np.count_nonzero((samples.pixel != np.stack([x, rows], axis=1)).any(axis=1))),
+            "wrong": float(np.count_nonzero((samples.pixel != expected).any(axis=1))),
             "zero": float(np.count_nonzero(~samples.radiance.any(axis=1))),
             "p": float(np.abs(samples.probability / p - 1).max()),
             "nonfinite": float(np.count_nonzero(~np.isfinite(samples.probability))),
@@ -155,7 +172,11 @@ def _edges(cdf: np.ndarray) -> np.ndarray:
 
 
 def _telling(cdf: np.ndarray) -> np.ndarray:
-    edges = _edges(cdf)
+    return _next_to(_edges(cdf))
+
+
+def _next_to(edges: np.ndarray) -> np.ndarray:
+    """These points and their neighbours, and points at both ends and in the middle."""
     u = np.concatenate([[0, 2**31, 2**32 - 2**8, 2**32 - 1], edges - 1, edges, edges + 1])
     return np.unique(u[(u >= 0) & (u < 2**32)])
 

@@ -334,8 +334,8 @@ def _slow(rates: Rates) -> str | None:
     if not rates.is_slow:
         return None
     return (
-        f"note: this OpenCL device does {1e-9 * rates.multiply_adds:.0f} G multiply-adds per second, less than a third of"
-        f" numpy's {1e-9 * rates.numpy:.0f} G; for a faster one: {_install()}"
+        f"note: this OpenCL device does {1e-9 * rates.multiply_adds:.0f} G multiply-adds per second, less than a third"
+        f" of numpy's {1e-9 * rates.numpy:.0f} G; for a faster one: {_install()}"
     )
 
 

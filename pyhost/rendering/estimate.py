@@ -1,4 +1,4 @@
-"""The error of a Monte Carlo image without the truth, from a few independent images of the same scene.
+"""The error of a Monte Carlo image without the exact one, from a few independent images of the same scene.
 
 Let X_i be N independent images with the same mean, such as those of N seeds. Their average M is the result, and its
 error is estimated from their spread, whatever points each of them is made from. With the covariance S of the three
@@ -12,11 +12,11 @@ How far E may be from V: E - V is the mean over i != j of x_i . x_j, where x_i i
     2 tr(C^2) / (N (N - 1))
 
 whatever the distribution of x_i, where C is the covariance of all pixels. Fresh samples make pixels independent, so
-tr(C^2) is the sum over pixels of tr(S^2) with the true S. Two estimates of it are made, and the larger one is taken:
-the unbiased one from each pixel by itself, and, since that needs two rare bright samples in one pixel to know of them,
-tr(S S') over pairs of different pixels nearby, which have nearly the same covariance. A normal error would make E / V
-follow the F distribution with k and k (N - 1) degrees of freedom, k = tr(C)^2 / tr(C^2), which has this variance. Its
-quantiles give the interval.
+tr(C^2) is the sum over pixels of tr(S^2) with the true S. Two estimates of it are made, and the larger one is taken.
+The first is unbiased and uses each pixel by itself; it misses rare bright samples unless two of them fall in one pixel.
+The second, tr(S S') over pairs of different pixels nearby, assumes that their covariances are alike. A normal error
+would make E / V follow the F distribution with k and k (N - 1) degrees of freedom, k = tr(C)^2 / tr(C^2), which has
+this variance. Its quantiles give the interval.
 
 Source: Owen, Monte Carlo theory, methods and examples, chapters 2 and 17 (replicated randomised QMC); Satterthwaite, An
 Approximate Distribution of Estimates of Variance Components (1946); Himeno and Yamada, Estimations for Some Functions
@@ -27,13 +27,13 @@ Rendering, 4th ed., 2.1.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from .. import checks
-from ..disc import disc_mask
+from ..disc import check_resolution, disc_mask
 from ..errors import LightdomeError
 from ..float_range import to_float32
 
@@ -63,20 +63,23 @@ class ErrorEstimate:
     interval: tuple[float, float]
 
 
-def estimate_error(images: Sequence[np.ndarray]) -> ErrorEstimate:
+def estimate_error(images: Iterable[np.ndarray]) -> ErrorEstimate:
     """Average ``images``, at least four of shape (R, R, 3), and estimate the error of the average.
 
     The images must be independent, with the same number of samples, and pixels must not share samples. Light that no
     sample has found is in neither the image nor its error. Raises :class:`LightdomeError` for fewer than four images,
-    and for other shapes.
+    for other shapes, and for values on the sphere that are not finite.
     """
-    if len(images) < 4:
-        raise LightdomeError(f"an error estimate needs at least four independent images, got {len(images)}")
-    resolution = len(images[0])
-    images = [checks.array("an image", image, (resolution, resolution, 3)) for image in images]
+    try:
+        given = list(images)
+    except TypeError:
+        raise LightdomeError(f"an error estimate needs a list of images, got {checks.told(images)}") from None
+    count = len(given)
+    if count < 4:
+        raise LightdomeError(f"an error estimate needs at least four independent images, got {count}")
+    resolution = check_resolution(len(checks.array("an image", given[0], ("R", "R", 3))))
+    flat = [checks.array("an image", image, (resolution, resolution, 3)).reshape(-1, 3) for image in given]
     inside = np.flatnonzero(disc_mask(resolution))
-    flat = [image.reshape(-1, 3) for image in images]
-    count = len(images)
     mean = np.zeros((resolution**2, 3))
     error = np.zeros(resolution**2)
     power = spread = 0.0  # sums of M^2 and tr(S)
@@ -86,6 +89,8 @@ def estimate_error(images: Sequence[np.ndarray]) -> ErrorEstimate:
         values = np.empty((count, 3, len(at)))
         for image, of_image in zip(flat, values, strict=True):
             of_image[:] = image.take(at, axis=0).T
+        if not np.isfinite(values).all():
+            raise LightdomeError("an image must hold finite numbers, got infinity or NaN")
         average = values.mean(axis=0)
         values -= average
         S = np.stack([(values[:, c] * values[:, d]).sum(axis=0) for c, d in PAIRS]) / (count - 1)

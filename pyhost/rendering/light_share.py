@@ -1,4 +1,4 @@
-"""How many of a pixel's directions the light samples, and how many the cosine, for the estimator ``mis``.
+"""How many of a pixel's directions are drawn by the light, and how many by the cosine, for the estimator ``mis``.
 
 Let the light sample the share a of all directions, and the cosine b = 1 - a. With f = L c / pi and the density
 p = a p_light + b p_bsdf of both together, the balance heuristic makes every direction worth f / p. The variance of N
@@ -14,6 +14,8 @@ another share than 1 / 2 must lower it by a margin.
 """
 
 from __future__ import annotations
+
+from fractions import Fraction
 
 import numpy as np
 
@@ -31,7 +33,7 @@ def light_samples(spp: int, share: float) -> int:
 
 
 def variances(distribution: Distribution, offset: float, flux: float, samples: int = SAMPLES) -> np.ndarray:
-    """The variance with each of ``SHARES``, summed over normals and channels, in one unit.
+    """The variance with each of ``SHARES``, summed over normals and channels, all in the same arbitrary unit.
 
     The light is drawn by max(0, S - ``offset``), where S is R + G + B of the scaled map; ``flux`` is the integral of
     what is drawn, but of the map itself.
@@ -74,5 +76,6 @@ def choose_share(distribution: Distribution, offset: float = 0.0, flux: float | 
         decisions.skip(UNEQUAL, f"no other share would lower the variance by {1 - MARGIN:.0%}")
         return SHARES[0]
     left = max(of_shares[best] / of_half, 0)
-    decisions.use(UNEQUAL, f"the light samples {SHARES[best]:.3g} of the directions, for {left:.0%} of the variance")
+    drawn = f"{Fraction(SHARES[best])} of the directions are drawn by the light"
+    decisions.use(UNEQUAL, f"{drawn}, which leaves {left:.0%} of the variance with equal numbers")
     return SHARES[best]

@@ -4,8 +4,8 @@ There are four estimators, all unbiased. One sample per pixel means:
 
 - ``light``: a direction sampled by the light: the least work, but about half of the directions lie below the horizon
 - ``bsdf``: a direction sampled by the cosine: good only if the light is much the same from everywhere
-- ``mis``: two directions, sampled by the light and by the cosine, in parts that suit the map, and weighted by the
-  balance heuristic: never much worse than the better of the two
+- ``mis``: two directions for each sample. Of all of a pixel's directions, the light draws a share that suits the map,
+  and the cosine the rest; they are weighted by the balance heuristic: never much worse than the better of the two
 - ``product``: a direction sampled by light times cosine, approximately: by far the least noise. Its tables take a few
   milliseconds to build, and it is for diffuse surfaces only
 
@@ -258,7 +258,7 @@ def _launch(
     arguments = _of_map(distribution, wanted)
     if "row_cdf" in wanted:
         device.decisions.use("guide tables", "every sample of every pixel searches the map")
-        arguments |= {"row_cdf": cdf.rows, "marginal_cdf": cdf.marginal, **cdf.guide.arguments}
+        arguments |= cdf.arguments | cdf.guide.arguments
     else:
         device.decisions.skip("guide tables", "directions of the cosine need no search")
     factors = {"offset": offset, "k": np.pi / (flux * of_map.scale)}

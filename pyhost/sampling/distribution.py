@@ -1,6 +1,6 @@
 """The distribution of light over an environment map, and samples drawn from it.
 
-Luminance is I = (R + G + B) / 3; a pixel is drawn with probability p(x, y) = p(y) p(x | y)
+Luminance is I = (R + G + B) / 3; a pixel is drawn with probability p(x, y)
 proportional to I sin(theta), the light that comes from it. Kernels: ``row_cdf.cl``,
 ``marginal_cdf.cl``, ``sample.cl`` and its variants. Source: Pharr, Jakob, Humphreys, Physically
 Based Rendering, 4th ed., A.4, A.5 and 12.5.
@@ -63,12 +63,12 @@ class Distribution:
         for exactly ``count`` points. Except with ``stratified`` and ``lattice``, the first n samples of a larger set
         are the set of n.
 
-        A point u = (across, down) of the sequence becomes a sample in two steps. ``down`` picks a row by the CDF over
-        rows, and ``across`` a pixel of it by the row's CDF. Then ``within="centre"`` takes the direction of the
-        pixel's centre. ``within="pixel"`` takes a direction in the pixel, uniform over its solid angle: the place of
-        ``across`` in its step of the CDF becomes phi, from one side of the column to the other, and that of ``down``
-        becomes cos(theta), from the top of the row to its bottom. Both draw the same pixels, with the same
-        probabilities.
+        A point u = (across, down) of the sequence becomes a sample in a few steps. ``across`` picks a strip of columns,
+        ``down`` a row by the strip's CDF over rows, and what is left of ``across`` a pixel by the CDF of the row in the
+        strip. Then ``within="centre"`` takes the direction of the pixel's centre. ``within="pixel"`` takes a direction
+        in the pixel, uniform over its solid angle: the place of ``across`` in its step of the CDF becomes phi, from one
+        side of the column to the other, and that of ``down`` becomes cos(theta), from the top of the row to its bottom.
+        Both draw the same pixels, with the same probabilities.
 
         Raises :class:`LightdomeError` if the map is black, or for an invalid count, seed, sequence or ``within``.
         """
@@ -87,7 +87,7 @@ class Distribution:
         return pixels["pixel"], pixels["probability"]
 
     def sample_at(self, points: np.ndarray, within: str = "centre") -> Samples:
-        """The samples at given ``points``, (N, 2) in [0, 1): column 0 picks x within a row, column 1 picks y.
+        """The samples at given ``points``, (N, 2) in [0, 1): column 0 picks x, column 1 picks y.
 
         Use this to draw with your own uniform numbers; :meth:`sample` says how a point becomes a sample. The first 32
         bits of a number pick the pixel, and the place in it depends on lower bits too, so give float64.
@@ -144,7 +144,7 @@ class Distribution:
 
 
 def build_distribution(device: Device, envmap: EnvironmentMap) -> Distribution:
-    """Build the CDF of every row and the CDF over rows of ``envmap`` on ``device``.
+    """Build the CDFs over rows and the CDFs of every row of ``envmap`` on ``device``.
 
     Raises :class:`LightdomeError` if the device does not have enough memory, or if an argument is of another type.
     """

@@ -1,7 +1,7 @@
 """Samples of a map that stays in its file: only bands of its rows are in memory, however large it is.
 
-The CDF over rows needs only the sum of every row, so the file is read once, band by band, and only the sums are
-kept. That CDF gives the rows that the samples fall into. Only those rows are read again, and get CDFs of their own.
+The CDFs over rows need only the sums of every row, so the file is read once, band by band, and only the sums are
+kept. These CDFs give the rows that the samples fall into. Only those rows are read again, and get CDFs of their own.
 The samples are those of :meth:`lightdome.Distribution.sample`, bit for bit.
 Kernels: those of :mod:`lightdome.sampling.distribution`, and ``choose_rows.cl``.
 """
@@ -23,10 +23,11 @@ from ..opencl import memory
 from ..opencl.device import Device
 from ..opencl.memory import DeviceArray
 from ..progress import Progress
-from .cdf import MapCDF, build_marginal_cdf, build_row_cdfs
+from .cdf import MapCDF, build_marginal_cdfs, build_row_cdfs
 from .device_map import DeviceMap, range_scale, upload_sines
 from .draw import BLACK, MAX_COUNT, OUTPUTS, Points, drawn, given_points, is_guided, sequence_points
 from .samples import Samples
+from .strips import strip_bits
 
 
 class _Chosen(NamedTuple):
@@ -74,18 +75,19 @@ def sample_file(
     if scale != 1:
         row_sums = _row_sums(device, image, scale, Inspection(sanitize, image.largest))
     sin_theta = upload_sines(device, row_angles(image.height))
-    marginal, total = build_marginal_cdf(device, memory.upload(device, row_sums), sin_theta)
+    marginal, strips, total = build_marginal_cdfs(device, memory.upload(device, row_sums), sin_theta)
     if total == 0:
         raise LightdomeError(BLACK)
     if report is not None and (replaced := inspection.replaced(image.height, total / scale)):
         report(replaced)
-    chosen = [_choose_rows(device, marginal, of_set) for of_set in points]
+    chosen = [_choose_rows(device, marginal, strips, of_set) for of_set in points]
     samples = _draw(
         device,
         image,
         Inspection(sanitize, image.largest),
         _Chosen(*map(np.concatenate, zip(*chosen, strict=True))),
         scale,
+        strips,
         total,
         within,
     )
@@ -114,20 +116,20 @@ def _band(
 
 
 def _row_sums(device: Device, image: ImageRows, scale: float, inspection: Inspection) -> np.ndarray:
-    """The sum of every row of a file, (H, 2) double words; ``inspection`` sees its values."""
-    sums = np.empty((image.height, 2), np.float32)
+    """The sums of every row of a file, (S, H) double words; ``inspection`` sees its values."""
+    sums = np.empty((1 << strip_bits(image.width), image.height, 2), np.float32)
     done = 0
     with Progress("reading the map") as progress:
         for rows, radiance in image.read(np.arange(image.height)):
             mended = inspection.mended(radiance, int(rows[0]))
             built = build_row_cdfs(_band(device, image, rows, mended, inspection.peak, scale))
-            sums[rows] = memory.download(device, built.sums)
+            sums[:, rows] = memory.download(device, built.sums)
             done += len(rows)
             progress.update(done / image.height)
     return sums
 
 
-def _choose_rows(device: Device, marginal: DeviceArray, points: Points) -> _Chosen:
+def _choose_rows(device: Device, marginal: DeviceArray, strips: DeviceArray, points: Points) -> _Chosen:
     row, across, place = (memory.empty(device, points.count, kind) for kind in (np.uint32, np.uint64, np.uint32))
     device.launch(
         "sampling/choose_rows",
@@ -136,7 +138,9 @@ def _choose_rows(device: Device, marginal: DeviceArray, points: Points) -> _Chos
         defines=points.defines,
         group=GROUP,
         marginal_cdf=marginal,
-        height=marginal.shape[0],
+        strips=strips,
+        strip_bits=strips.shape[0].bit_length() - 1,
+        height=marginal.shape[1],
         count=points.count,
         seed=points.key,
         generator=points.generator,
@@ -162,6 +166,7 @@ def _draw(
     inspection: Inspection,
     chosen: _Chosen,
     scale: float,
+    strips: DeviceArray,
     total: float,
     within: str,
 ) -> dict[str, np.ndarray]:
@@ -174,11 +179,11 @@ def _draw(
     guided: list[bool] = []
     with Progress("reading the chosen rows") as progress:
         for rows, pixels in image.read(np.unique(row)):
-            # A CDF over these rows alone, all equally likely: `down` picks the row that is already known.
+            # CDFs over these rows alone, all equally likely: `down` picks the row that is already known.
             mended = inspection.mended(pixels)
             band = _band(device, image, rows, mended, inspection.peak, scale)
-            even = memory.upload(device, np.arange(1, len(rows) + 1, dtype=np.uint32))
-            cdf = MapCDF(device, build_row_cdfs(band).cdf, even, total)
+            even = np.tile(np.arange(1, len(rows) + 1, dtype=np.uint32), (strips.shape[0], 1))
+            cdf = MapCDF(device, build_row_cdfs(band).cdf, memory.upload(device, even), strips, total)
             first, end = np.searchsorted(sorted_row, [rows[0], rows[-1] + 1])
             index = order[first:end]
             down = _point_in_step(np.searchsorted(rows, row[index]), len(rows), chosen.place[index])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from helpers import stiff_radiance
@@ -80,11 +82,12 @@ def test_samples_per_pixel_are_drawn_until_the_error_is_reached(
     np.testing.assert_array_equal(found.image, expected.image)
     assert found.interval == expected.interval
     assert found.interval[1] <= 0.2
+    assert found.reason == "error"
 
 
 @pytest.mark.slow
 def test_the_samples_that_an_estimator_needs_are_about_those_it_takes(distribution: Distribution) -> None:
-    trial = choice._Trial(distribution, 0.05, 31, 1, None)
+    trial = choice._Trial(distribution, 0.05, 31, 1, None, 1.0)
     assert list(trial.per_pixel)[:3] == ["light-lattice", "light-sobol", "light"]
     first, more = (trial.run("product-lattice", count) for count in choice.TRIED)
     found = trial.with_samples("product-lattice", first, more, 0.001)
@@ -96,8 +99,52 @@ def test_the_samples_that_an_estimator_needs_are_about_those_it_takes(distributi
     assert trial.with_samples("product-lattice", first, more, 0.001) is None
 
 
-def test_a_black_map_is_black(device: Device) -> None:
-    found = render_cheapest(build_distribution(device, EnvironmentMap(np.zeros((4, 8, 3)))), 0.01, 9)
+def test_the_estimates_of_the_error_take_time(distribution: Distribution, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = 0.0
+
+    def estimate(images: list[np.ndarray]) -> SimpleNamespace:
+        nonlocal clock
+        clock += 1
+        return SimpleNamespace(image=images[0])
+
+    monkeypatch.setattr(choice, "estimate_error", estimate)
+    monkeypatch.setattr(choice, "time", SimpleNamespace(perf_counter=lambda: clock))
+    trial = choice._Trial(distribution, 0.05, 9, 1, None, 1.0)
+    first, more = (trial.run("product-lattice", count) for count in choice.TRIED)
+    found = trial.with_samples("product-lattice", first, more, 5)
+    assert found is not None
+    assert found.seconds == 5 + np.ceil(np.log(found.count / 16) / np.log(4))
+
+
+def test_a_long_run_is_measured_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = 0.0
+
+    def run(seconds: float) -> None:
+        nonlocal clock
+        clock += seconds
+
+    monkeypatch.setattr(choice, "time", SimpleNamespace(perf_counter=lambda: clock))
+    for seconds, total in ((0.0625, 0.1875), (0.5, 0.6875)):
+        assert choice._Trial.shortest(lambda _, seconds=seconds: run(seconds), 9) == seconds
+        assert clock == total
+
+
+def test_only_the_decisions_of_the_final_image_are_left(
+    distribution: Distribution, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    only(monkeypatch, Choice("median-cut", 16, 0.1, 1))
+    distribution.device.decisions.use("a trial", "it is tried")
+    found = render_cheapest(distribution, 0.1, 9)
+    assert found.reason is None
+    made = [str(each) for each in distribution.device.decisions.take()]
+    assert "a trial" not in str(made)
+
+
+@pytest.mark.parametrize("albedo", [0, 1])
+def test_a_black_image_is_exact(device: Device, albedo: float) -> None:
+    light = np.zeros((4, 8, 3)) if albedo else np.ones((4, 8, 3))
+    found = render_cheapest(build_distribution(device, EnvironmentMap(light)), 0.01, 9, albedo)
+    assert (found.rmse, found.reason) == (0, None)
     assert [each.method for each in found.choices] == ["exact"]
     assert not found.image.any()
 

@@ -973,30 +973,34 @@ def test_averaging_is_in_percent_over_sides(told: SimpleNamespace) -> None:
 
 
 def test_the_cdfs_drawn_are_those_of_the_definition(device: Device) -> None:
-    radiance = stiff_radiance(12, 24)
+    radiance = stiff_radiance(12, 40)
     figure = report_figures.cdfs(build_distribution(device, EnvironmentMap(radiance)))
     by_title = {axes.get_title(loc="left"): axes for axes in figure.axes if axes.get_title(loc="left")}
     p = reference.probability(radiance)
     marginal = np.cumsum(p.sum(axis=1))
-    rows = np.cumsum(p, axis=1) / np.maximum(p.sum(axis=1, keepdims=True), 1e-300)
-    over_rows = by_title["P(y), the CDF over rows"]
-    x, y = over_rows.lines[0].get_data()
-    np.testing.assert_allclose(x, marginal, atol=1e-6)
-    np.testing.assert_array_equal(y, range(12))
-    picture = by_title["P(x | y), every row's CDF"].images[0]
+    of_strips = np.split(p, reference.strip_borders(40)[1:-1], axis=1)
+    assert len(of_strips) == 2
+    rows = [np.cumsum(q, axis=1) / np.maximum(q.sum(axis=1, keepdims=True), 1e-300) for q in of_strips]
+    rows = np.concatenate(rows, axis=1)
+    over_rows = by_title["P(y | s), the CDFs over rows"]
+    for line, q in zip(over_rows.lines, of_strips):  # noqa: B905 (lines of the three rows follow)
+        x, y = line.get_data()
+        np.testing.assert_allclose(x, np.cumsum(q.sum(axis=1)) / q.sum(), atol=1e-6)
+        np.testing.assert_array_equal(y, range(12))
+    picture = by_title["P(x | y, s), every row's CDFs"].images[0]
     np.testing.assert_allclose(picture.get_array(), rows, atol=1e-6)
     assert (picture.norm.vmin, picture.norm.vmax) == (0, 1)
-    some = by_title["P(x | y) of the three rows"]
+    some = by_title["P(x | y, s) of the three rows"]
     chosen = [int(np.flatnonzero(marginal >= level)[0]) for level in (0.25, 0.5, 0.75)]
     assert legend(some) == [f"y = {y}" for y in chosen]
     for line, y in zip(some.lines, chosen, strict=True):
         np.testing.assert_allclose(line.get_ydata(), rows[y], atol=1e-6)
-    for title in ("P(y), the CDF over rows", "the map, and three of its rows"):
+    for title in ("P(y | s), the CDFs over rows", "the map, and three of its rows"):
         assert {float(line.get_ydata()[0]) for line in by_title[title].lines if len(line.get_ydata()) == 2} == set(
             chosen
         )
     assert some.get_xlabel() == "x, pixels"
-    assert {by_title[t].get_ylabel() for t in by_title if t != "P(x | y) of the three rows"} == {"y, pixels"}
+    assert {by_title[t].get_ylabel() for t in by_title if t != "P(x | y, s) of the three rows"} == {"y, pixels"}
 
 
 # ---- Fresnel ----

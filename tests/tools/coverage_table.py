@@ -3,7 +3,7 @@
     .venv/bin/python tests/tools/coverage_table.py [--runs N] [--resolution R] [--spp N]
 
 For each map, estimator and sequence, each of N runs renders four independent images, estimates the relative RMSE of
-their average and its interval of 95 %, and compares it with the exact image. Prints a table: per cent of the runs whose
+their average and its interval of 95 %, and compares it with the exact image. Prints a table: percent of the runs whose
 true error was inside, and the mean relative RMSE. 92 to 98 % is right for 200 runs: two standard deviations are 3 %.
 """
 
@@ -30,7 +30,7 @@ from lightdome.rendering.per_pixel import render
 from lightdome.rendering.to_error import seeds_of
 from lightdome.sampling.distribution import build_distribution
 
-LEAST, MOST = 92.0, 98.0  # per cent
+LEAST, MOST = 92.0, 98.0  # percent
 MORE = {"bsdf": 32}  # times the samples: with few, one that hits a lamp decides the whole image
 
 
@@ -51,7 +51,7 @@ def maps() -> dict[str, EnvironmentMap]:
 def coverage(
     device: Device, envmap: EnvironmentMap, estimator: str, sequence: str, runs: int, resolution: int, spp: int
 ) -> tuple[float, float]:
-    """Per cent of ``runs`` whose true error lies inside the interval, and the mean of the true errors."""
+    """Percent of ``runs`` whose true error lies inside the interval, and the mean of the true errors."""
     mask = disc_mask(resolution)
     truth = exact(device, envmap, resolution, pixels=ESTIMATORS[estimator].pixels)[mask]
     distribution = build_distribution(device, envmap)

@@ -48,7 +48,7 @@ from lightdome.sampling.distribution import Distribution, build_distribution
 from lightdome.sampling.samples import SEQUENCES, WITHIN
 from lightdome.sampling.streaming import sample_file
 
-SHAPES = ((7, 5), (3, 33))
+SHAPES = ((7, 5), (3, 33), (2, 150))
 RESOLUTIONS = (1, 17)
 
 # Without these, Oclgrind 21.10 misses a vstore16 into a private array, since its compiler optimises it away, and does

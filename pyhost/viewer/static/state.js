@@ -31,7 +31,7 @@ export const LIMITS = {
   difference: [0.01, 1000], albedo: [0, 100], resolution: [16, 1023], wipe: [0, 100], eta: [1, 4], map: [0, 999],
 };
 export const INITIAL = {
-  tab: "light", map: 0, method: "shared", sequence: "sobol", count: 256, seed: 140, yaw: 0, pitch: 0, roll: 0,
+  tab: "light", map: 0, method: "shared", sequence: "sobol", count: 256, seed: 159, yaw: 0, pitch: 0, roll: 0,
   ev: 0, gamma: 2.2, tone: "clip", difference: 10, albedo: 1, resolution: 511, marks: true, wipe: 100, eta: 1.4,
 };
 
