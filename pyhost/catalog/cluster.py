@@ -12,7 +12,7 @@ from pathlib import Path
 
 import dask
 from distributed import Client, LocalCluster
-from distributed.comm import get_address_host_port
+from distributed.comm.addressing import get_address_host_port
 from distributed.security import Security
 
 from ..errors import LightdomeError, one_line
@@ -91,7 +91,7 @@ def _address(place: Place) -> str | None:
             raise LightdomeError(f"cannot read the scheduler file {place.file}: {one_line(error)}") from error
     if address and "://" not in address:
         address = f"{'tls' if place.tls else 'tcp'}://{address}"
-    if address:
+    if address and not address.startswith("inproc://"):  # which has no port
         try:
             get_address_host_port(address, strict=True)
         except ValueError as error:
