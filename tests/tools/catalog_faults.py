@@ -10,6 +10,7 @@ killed in a separate cluster, the other processes in the cluster that the comman
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 import os
 import random
@@ -40,7 +41,10 @@ KINDS = ("client", "worker", "scheduler")
 
 @dataclass
 class Outcome:
-    """The result of a kill after ``at`` rows: rows finished by then, how many of those were lost, incomplete files."""
+    """The result of a kill after ``at`` rows: rows finished by then, how many of those were lost, incomplete files.
+
+    ``is_killed`` is False if the run was over before.
+    """
 
     kind: str
     at: int
@@ -48,6 +52,7 @@ class Outcome:
     lost: int
     is_equal: bool
     half: list[str]
+    is_killed: bool
 
 
 class Trial:
@@ -89,7 +94,7 @@ class Trial:
 
     def kill(self, kind: str, rows: int) -> Outcome:
         """Kill a process of a run that has ``rows`` rows, or is starting if 0, and let the run complete."""
-        out = Path(tempfile.mkdtemp(dir=self.folder))
+        out, is_killed = Path(tempfile.mkdtemp(dir=self.folder)), True
         if kind == "scheduler":
             with cluster(self.folder) as (scheduler, file):
                 process = self.start(out, "--scheduler-file", file)
@@ -105,15 +110,20 @@ class Trial:
                 process.kill()
                 process.communicate()
             else:
-                with suppress(IndexError, psutil.Error):  # the run may be over
-                    random.choice(workers_of(process.pid)).send_signal(signal.SIGKILL)
+                is_killed = False
+                while process.poll() is None and not is_killed:
+                    with suppress(IndexError, psutil.Error):  # no worker yet, or it has just ended
+                        random.choice(workers_of(process.pid)).send_signal(signal.SIGKILL)
+                        is_killed = True
         finished = done(out)
         half = incomplete(out)
         if kind == "worker":
             self.end(process)
         else:
             self.complete(out)
-        return Outcome(kind, rows, len(finished), self._lost(out, finished), table(out) == self.expected, half)
+        return Outcome(
+            kind, rows, len(finished), self._lost(out, finished), table(out) == self.expected, half, is_killed
+        )
 
     def _wait(self, process: subprocess.Popen[str], out: Path, rows: int) -> None:
         """Wait until the journal has ``rows`` rows, and then a random time."""
@@ -160,8 +170,10 @@ def workers_of(client: int) -> list[psutil.Process]:
 
 
 def table(out: Path) -> list[dict[str, Any]]:
-    """The rows of the table, without times."""
+    """The rows of both tables, without times."""
     rows = pq.read_table(out / "catalog.parquet").to_pylist()
+    with (out / "catalog.csv").open(newline="", encoding="utf-8") as file:
+        rows += csv.DictReader(file)
     return [{name: value for name, value in row.items() if not name.startswith("seconds_")} for row in rows]
 
 
@@ -203,7 +215,8 @@ def main() -> None:
                 outcomes.append(trial.kill(kind, random.randint(0, args.maps)))
                 print(outcomes[-1], flush=True)
             print(
-                f"{kind}: killed {len(outcomes)} times, {sum(o.finished for o in outcomes)} rows finished before,"
+                f"{kind}: killed {sum(o.is_killed for o in outcomes)} times,"
+                f" {sum(o.finished for o in outcomes)} rows finished before,"
                 f" {sum(o.lost for o in outcomes)} lost, {sum(o.is_equal for o in outcomes)} tables equal,"
                 f" {sum(len(o.half) for o in outcomes)} files incomplete"
             )
