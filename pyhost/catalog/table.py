@@ -51,9 +51,9 @@ def write_parquet(path: Path, columns: list[Column], rows: Rows, count: int) -> 
             new.mkdir()
             for part in range(-(-count // PARTITION)):
                 _write(new / f"part-{part:05}.parquet", columns, islice(left, PARTITION))
-        if path.exists():
+        if path.exists() and (path.is_dir() or new.is_dir()):  # only a file can be replaced by a file
             path.rename(old)
-        new.rename(path)
+        new.replace(path)
         remove(old)
     except OSError as error:
         raise cannot_write(path, error.strerror or str(error)) from error

@@ -18,6 +18,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 from helpers import LONG, Script, stiff_radiance
 from lightdome.commands.catalog import clear
@@ -233,6 +234,17 @@ def test_a_journal_has_one_writer(tmp_path: Path) -> None:
         Journal(tmp_path, "key")
 
 
+def test_a_journal_that_cannot_be_locked_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fcntl = pytest.importorskip("fcntl")
+
+    def refuse(*_: object) -> None:
+        raise OSError(37, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    with pytest.raises(LightdomeError, match=r"cannot lock .*No locks available"):
+        Journal(tmp_path, "key")
+
+
 def test_large_tables_are_partitioned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(table, "PARTITION", 4)
     wanted = columns(Options(lights=0, harmonics=None))
@@ -244,6 +256,23 @@ def test_large_tables_are_partitioned(tmp_path: Path, monkeypatch: pytest.Monkey
         assert path.is_dir() == (count > 4)
         assert list(tmp_path.iterdir()) == [path]
     assert json.loads(pq.read_schema(path).metadata[b"units"])["size_bytes"] == "byte"
+
+
+def test_a_table_that_cannot_be_written_leaves_the_old_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(table, "PARTITION", 4)
+    wanted, path = columns(Options(lights=0, harmonics=None)), tmp_path / "catalog.parquet"
+    table.write_parquet(path, wanted, partial(iter, [{"path": "a"}] * 9), 9)
+
+    def full(path: Path, *_: object) -> None:
+        path.touch()
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(table, "_write", full)
+    for count in (3, 9):
+        with pytest.raises(LightdomeError, match="No space left"):
+            table.write_parquet(path, wanted, partial(iter, [{"path": "b"}] * count), count)
+        assert pq.read_table(path).column("path").to_pylist() == ["a"] * 9
+        assert list(tmp_path.iterdir()) == [path]
 
 
 def computed_here(client: Client, maps: Path, out: Path, options: Options) -> tuple[int, dict[str, dict[str, Any]]]:
@@ -320,6 +349,7 @@ def test_a_second_run_computes_what_is_new_changed_or_failed(client: Client, map
     out = tmp_path / "out"
     computed, before = computed_here(client, maps, out, Options())
     assert worker._device.cache_info().misses == 1  # the device is opened once
+    assert oiio.get_int_attribute("threads") == int(os.environ[worker.THREAD_VARIABLES[0]])
     assert computed == len(before) == 11
     assert computed_here(client, maps, out, Options())[0] == 2  # the damaged ones
     (maps / "m0.pfm").touch()  # hashed, not computed
