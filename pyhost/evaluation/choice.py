@@ -165,12 +165,8 @@ class _Trial:
 
     def run(self, method: str, count: int) -> Run:
         """A function from a resolution to the method's image."""
-        albedo, distribution, device, of_map = (
-            self.albedo,
-            self.distribution,
-            self.distribution.device,
-            self.distribution.map,
-        )
+        albedo, distribution = self.albedo, self.distribution
+        device, of_map = distribution.device, distribution.map
         if method == "exact":
             return lambda resolution: exact(device, of_map, resolution, albedo, self.pixels)
         if method == "harmonics":
@@ -260,7 +256,7 @@ class _Trial:
 
         Its image is the average of several, see :func:`lightdome.rendering.render_to_error`.
         """
-        errors = self.off(first), self.off(more)
+        errors = [max(self.off(run), SMALLEST) for run in (first, more)]  # not 0, as in even light
         exponent = min(1.0, max(0.5, math.log(errors[0] / errors[1]) / math.log(TRIED[1] / TRIED[0])))
         wanted = TRIED[1] * (errors[1] / math.sqrt(IMAGES) / (MARGIN * self.error)) ** (1 / exponent)
         if wanted > MOST:

@@ -165,3 +165,11 @@ def test_a_choice_says_its_count_time_and_error() -> None:
 def test_wrong_arguments_are_refused(distribution: Distribution, options: dict[str, object]) -> None:
     with pytest.raises(LightdomeError):
         render_cheapest(distribution, **{"error": 0.1, "resolution": 9, **options})
+
+
+def test_a_method_without_an_error_can_be_extrapolated(device: Device) -> None:
+    distribution = build_distribution(device, EnvironmentMap(np.ones((32, 64, 3), np.float32)))
+    trial = choice._Trial(distribution, 0.01, 1, 1, "pixel", 1.0)
+    first, more = (trial.run("bsdf", spp) for spp in choice.TRIED)
+    assert trial.off(first) == 0
+    assert trial.with_samples("bsdf", first, more, 0.01).count == 4 * choice.TRIED[0]
