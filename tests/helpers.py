@@ -12,9 +12,11 @@ from dataclasses import dataclass, fields
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio
+import pyopencl as cl
 from lightdome.opencl.device import Device, open_device
 from lightdome.opencl.programs import Programs
 
@@ -45,6 +47,20 @@ class GpuShaped(Device):
         return True
 
 
+class SingleItems(Programs):
+    """Kernels that run in groups of one work-item where a GPU's driver chooses: PoCL would compile each size anew."""
+
+    def kernel(self, name: str, **defines: int) -> Callable[..., cl.Event]:
+        kernel = super().kernel(name, **defines)
+
+        def run(
+            queue: cl.CommandQueue, size: tuple[int, ...], local: tuple[int, ...] | None, /, **arguments: Any
+        ) -> cl.Event:
+            return kernel(queue, size, local or (1,) * len(size), **arguments)
+
+        return run
+
+
 def with_small_launches(device: Device) -> Device:
     """A copy of ``device`` with :class:`SmallLaunches`."""
     kind = type("SmallLaunchesOf", (SmallLaunches, type(device)), {})
@@ -53,7 +69,7 @@ def with_small_launches(device: Device) -> Device:
 
 def in_gpu_shape(device: Device) -> Device:
     """A copy of ``device`` that is :class:`GpuShaped`, with kernels compiled as for a GPU."""
-    programs = Programs(device.context, FUSED=int(device.rates.is_fused))
+    programs = SingleItems(device.context, FUSED=int(device.rates.is_fused))
     return GpuShaped(**{f.name: getattr(device, f.name) for f in fields(device)} | {"programs": programs})
 
 
