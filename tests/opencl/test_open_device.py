@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
@@ -286,7 +287,7 @@ def test_kernels_fuse_multiply_adds_where_that_is_not_slower() -> None:
 def test_both_spellings_of_a_multiply_add_give_the_same_samples_and_nearly_the_same_image(device: Device) -> None:
     images, pixels = [], []
     for fused in (0, 1):
-        other = replace(device, programs=Programs(device.context, FUSED=fused))
+        other = replace(device, programs=Programs(device.context, FUSED=fused, CPU=int(not device.is_gpu)))
         distribution = build_distribution(other, EnvironmentMap(stiff_radiance(21, 43)))
         samples = distribution.sample(1000, sequence="sobol")
         pixels.append(samples.pixel)
@@ -307,20 +308,31 @@ def test_kernels_are_built_for_the_measured_spelling(
     )
     opened = open_device(device.description)
     samples = build_distribution(device, EnvironmentMap(stiff_radiance(21, 43))).sample(1000)
-    expected = replace(device, programs=Programs(device.context, FUSED=fused))
+    expected = replace(device, programs=Programs(device.context, FUSED=fused, CPU=int(not device.is_gpu)))
     np.testing.assert_array_equal(shade_samples(opened, samples, 33), shade_samples(expected, samples, 33))
 
 
-def test_kernels_ask_only_a_cpu_for_functions_that_are_not_in_opencl(device: Device) -> None:
+def test_kernels_ask_only_a_cpu_for_functions_that_are_not_in_opencl(gpu_shaped: Device) -> None:
     """Some GPUs' compilers list Clang's functions, and refuse them for global memory."""
     absent = {"__builtin_prefetch": "not_here", "__builtin_nontemporal_store": "not_here"}
-    other = replace(device, programs=Programs(device.context, FUSED=1, **absent))
-    distribution = build_distribution(other, EnvironmentMap(stiff_radiance(21, 43)))
+    context, built = gpu_shaped.context, []
+
+    class Built(type(gpu_shaped.programs)):  # type: ignore[misc]
+        def kernel(self, name: str, **defines: int) -> Callable[..., cl.Event]:
+            built.append((name, defines))
+            return super().kernel(name, **defines)
+
+    recorded = replace(gpu_shaped, programs=Built(context, FUSED=1))
+    distribution = build_distribution(recorded, EnvironmentMap(stiff_radiance(21, 43)))
     distribution.sample(1000)
     for estimator in ESTIMATORS:
         list(render(distribution, [2], 17, estimator=estimator))
+    assert built
+    programs = Programs(context, FUSED=1, **absent)
+    for name, defines in built:
+        programs.kernel(name, **defines)
     with pytest.raises(LightdomeError, match="refuses"):
-        Programs(device.context, FUSED=1, CPU=1, **absent).kernel("sampling/row_cdf")
+        Programs(context, FUSED=1, CPU=1, **absent).kernel("sampling/row_cdf")
 
 
 def test_a_slow_device_has_a_note_that_says_what_to_install(device: Device) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import shutil
 import time
@@ -37,6 +38,7 @@ from lightdome.viewer.server import Server  # noqa: E402
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 SECONDS = 60  # to wait for a picture, even on a slow, shared machine
 RESOLUTION = 63
+WINDOW = {"width": 1300, "height": 900}
 
 pytestmark = [
     pytest.mark.slow,
@@ -68,29 +70,43 @@ def browser() -> Iterator[playwright.Browser]:
         opened.close()
 
 
+@pytest.fixture(scope="module")
+def errors() -> list[str]:
+    """What pages have reported during a test."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def context(browser: playwright.Browser, errors: list[str]) -> playwright.BrowserContext:
+    opened = browser.new_context(viewport=WINDOW, accept_downloads=True)
+    opened.on("weberror", lambda error: errors.append(str(error.error)))
+    opened.on("console", lambda message: errors.append(message.text) if is_error(message) else None)
+    return opened
+
+
 Open = Callable[..., "playwright.Page"]
 
 
 @pytest.fixture
-def open_page(server: Server, browser: playwright.Browser) -> Iterator[Open]:
-    """Open the page in a state. Any error that it reports fails the test."""
-    errors: list[str] = []
-    contexts = []
+def open_page(server: Server, context: playwright.BrowserContext, errors: list[str]) -> Iterator[Open]:
+    """Open the page in a state, in the tab of the test before. Any error that it reports fails the test."""
+    idle = context.pages
 
     def opened(**state: object) -> playwright.Page:
-        context = browser.new_context(viewport={"width": 1300, "height": 900}, accept_downloads=True)
-        contexts.append(context)
-        page = context.new_page()
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        page.on("console", lambda message: errors.append(message.text) if is_error(message) else None)
+        page = idle.pop() if idle else context.new_page()
         page.goto(f"{server.url}#{urlencode({'resolution': RESOLUTION, **state})}")
         settled(page)
         return page
 
     yield opened
-    for context in contexts:
-        context.close()
-    assert errors == []
+    said = errors.copy()
+    for page in context.pages[1:]:
+        page.close()
+    for page in context.pages:
+        page.goto("about:blank")
+        page.set_viewport_size(WINDOW)
+    errors.clear()
+    assert said == []
 
 
 def is_error(message: playwright.ConsoleMessage) -> bool:
@@ -244,35 +260,43 @@ def test_a_drag_down_the_sphere_moves_light_down(open_page: Open) -> None:
 
 def test_keys(open_page: Open) -> None:
     page = open_page()
-    for key, name, value in (
-        ("s", "sequence", "lattice"),
-        ("+", "count", 512),
-        ("-", "count", 256),
-        ("n", "seed", SEED + 1),
-        ("e", "ev", 0.5),
-        ("d", "ev", 0),
-        ("d", "ev", -0.5),
-        ("w", "wipe", 50),
-        ("x", "marks", False),
-        ("g", "gamma", 2.3),
-        ("G", "gamma", 2.2),
-        ("h", "tone", "soft"),
-        ("c", "difference", 20),
-        ("C", "difference", 10),
-        ("a", "albedo", 1.1),
-        ("A", "albedo", 1),
-        ("r", "resolution", RESOLUTION + 64),
-        ("t", "map", 1),
-        ("i", "eta", 1.5),
-        ("I", "eta", 1.4),
-        ("m", "method", "median-cut"),
-        ("2", "tab", "fresnel"),
-        ("3", "tab", "check"),
+    for keys in (
+        (
+            ("s", "sequence", "lattice"),
+            ("+", "count", 512),
+            ("n", "seed", SEED + 1),
+            ("e", "ev", 0.5),
+            ("w", "wipe", 50),
+            ("x", "marks", False),
+            ("g", "gamma", 2.3),
+            ("h", "tone", "soft"),
+            ("c", "difference", 20),
+            ("a", "albedo", 1.1),
+            ("r", "resolution", RESOLUTION + 64),
+            ("t", "map", 1),
+            ("i", "eta", 1.5),
+        ),
+        (
+            ("-", "count", 256),
+            ("d", "ev", 0),
+            ("d", "ev", -0.5),
+            ("G", "gamma", 2.2),
+            ("C", "difference", 10),
+            ("A", "albedo", 1),
+            ("I", "eta", 1.4),
+        ),
+        (("m", "method", "median-cut"), ("2", "tab", "fresnel")),
+        (("3", "tab", "check"),),
     ):
-        page.keyboard.press(key)
-        assert page.evaluate(f"lightdomeView.state.{name}") == value, key
-        if value not in (256, 0, 2.2, 10, 1, 1.4) or name == "map":  # an address has only what differs from the default
-            until(page, f"new URLSearchParams(location.hash.slice(1)).get('{name}') === '{str(value).lower()}'")
+        address = {}
+        for key, name, value in keys:
+            page.keyboard.press(key)
+            assert page.evaluate(f"lightdomeView.state.{name}") == value, key
+            # An address has only what differs from the default.
+            is_default = value in (256, 2.2, 10, 1, 1.4) and name != "map"
+            address[name] = None if is_default else str(value).lower()
+        shown = "new URLSearchParams(location.hash.slice(1)).get(name) === value"
+        until(page, f"Object.entries({json.dumps(address)}).every(([name, value]) => {shown})")
 
 
 def test_arrow_keys_turn_the_light_and_0_turns_it_back(open_page: Open) -> None:
