@@ -54,7 +54,7 @@ def compensated(distribution: Distribution) -> tuple[float, float]:
 
 def expected_variances(radiance: np.ndarray, offset: float) -> np.ndarray:
     """The variances for the shares by a sum over many directions in float64, over the normals of an image."""
-    times = -(-128 // len(radiance))
+    times = 64 // len(radiance)
     L = radiance.astype(np.float64).repeat(times, axis=0).repeat(times, axis=1)
     omega, w = reference.directions(*L.shape[:2]).reshape(-1, 3), reference.pixel_solid_angles(*L.shape[:2]).ravel()
     L = L.reshape(-1, 3)
