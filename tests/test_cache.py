@@ -29,7 +29,7 @@ class Counted(Programs):
 def counting(device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Device:
     """A device with :class:`Counted` programs, and an empty cache."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    return replace(device, programs=Counted(device.context, FUSED=1))
+    return replace(device, programs=Counted(device.context, FUSED=1, CPU=int(not device.is_gpu)))
 
 
 def test_the_same_image_is_computed_once(counting: Device) -> None:
@@ -67,7 +67,7 @@ def test_an_image_of_other_kernels_is_not_used(
 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     envmap = EnvironmentMap(stiff_radiance(9, 14))
-    changed = replace(device, programs=Changed(device.context, FUSED=1))
+    changed = replace(device, programs=Changed(device.context, FUSED=1, CPU=int(not device.is_gpu)))
     for pixels in PIXELS:
         kept = exact_kept(device, envmap, 5, pixels)
         again = exact_kept(changed, envmap, 5, pixels)

@@ -83,7 +83,7 @@ def test_the_page_on_checks_lists_every_cause() -> None:
     assert listed[2 : 2 + len(rows)] == rows
 
 
-@pytest.mark.parametrize("count", [16, 4096])
+@pytest.mark.parametrize("count", [16, pytest.param(4096, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("sequence", [*SEQUENCES, "numpy"])
 def test_correct_images_of_shared_samples_agree(
     device: Device, lamps: EnvironmentMap, references: dict[float, Reference], sequence: str, count: int
@@ -132,6 +132,7 @@ def test_the_sphere_is_found_in_a_larger_image(references: dict[float, Reference
     assert references[1.0].check(larger, COUNT).agrees
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CONVENTIONS)
 def test_a_map_of_another_convention_is_recognised(
     lamps: EnvironmentMap, references: dict[float, Reference], name: str
@@ -259,6 +260,7 @@ def test_two_mistakes_are_both_named(lamps: EnvironmentMap, references: dict[flo
         assert all(f"{cause.seen}\n" in lines and f"{cause.where}\n" in lines for cause in check.causes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exposure", [0.1, 0.5])
 def test_a_picture_encoded_never_or_twice_is_named(
     references: dict[float, Reference], image: np.ndarray, exposure: float

@@ -75,6 +75,7 @@ def test_an_independent_correct_median_cut_agrees(device: Device) -> None:
             assert check.agrees, check.verdict
 
 
+@pytest.mark.slow
 def test_lightdomes_own_agree_in_every_convention(device: Device, tmp_path: Path) -> None:
     tried = 0
     for radiance in MAPS.values():

@@ -82,6 +82,7 @@ def test_lightdomes_own_agree(device: Device) -> None:
         assert cause.name == "solid angle missing"
 
 
+@pytest.mark.slow
 def test_densities_by_direction_are_named_too() -> None:
     for radiance in MAPS:
         height, width = radiance.shape[:2]

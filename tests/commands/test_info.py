@@ -87,6 +87,7 @@ def test_layer_and_flip_work_as_for_reading(run: object, bad: Path) -> None:
     assert "layers" in run(bad, "--layer", "side")[2]
 
 
+@pytest.mark.slow
 def test_a_turned_map_is_analysed_as_turned(run: object, tmp_path: Path) -> None:
     expected = EnvironmentMap.read(DEFAULT, convention="cycles").mirrored().rotated(90)
     turn = ("--convention", "cycles", "--mirror", "--rotate", "90")
@@ -103,6 +104,7 @@ def test_a_turned_map_is_analysed_as_turned(run: object, tmp_path: Path) -> None
     assert "lightdome convert" in errors
 
 
+@pytest.mark.slow
 def test_the_sun_is_split_off(run: object, tmp_path: Path, bad: Path) -> None:
     folder = tmp_path / "split"
     status, said, errors = run(DEFAULT, bad, "--split-sun", folder)

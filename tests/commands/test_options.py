@@ -1133,6 +1133,13 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
     ]
 
 
-@pytest.mark.parametrize("case", CASES, ids=" ".join)
+# Those that render until an error or a time, or measure.
+SLOW = {("part4_pbrt", "--error"), ("part4_pbrt", "--time"), ("part4_pbrt", "--auto"), ("bench", "--explain")}
+
+
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(case, id=" ".join(case), marks=[pytest.mark.slow] * (case in SLOW)) for case in CASES],
+)
 def test_an_option_does_what_it_says(world: World, monkeypatch: pytest.MonkeyPatch, case: tuple[str, str]) -> None:
     CASES[case](world, monkeypatch)

@@ -145,6 +145,7 @@ def test_a_yaw_turns_the_phase_of_each_coefficient() -> None:
             np.testing.assert_allclose(turned[n * n + n - m], c * of_sine - s * of_cosine, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_the_highest_order_turns_as_its_light(device: Device) -> None:
     # Addition theorem: for two directions, degree l gives (2 l + 1) / 4 pi P_l of their cosine.
     one, other = (project(device, point_light(32, 64, *place), MAX_ORDER) for place in ((5, 9), (40, 3)))

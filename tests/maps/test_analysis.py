@@ -384,6 +384,7 @@ def measured(device: Device, envmap: EnvironmentMap, count: int, seeds: int) -> 
     return float(np.sqrt(np.mean([relative_rmse(image, truth) ** 2 for image in shaded])))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["default", "sun", "stiff", "dark in front"])
 def test_the_number_of_samples_is_that_which_is_needed(device: Device, name: str) -> None:
     if name == "default":

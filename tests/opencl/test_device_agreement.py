@@ -152,6 +152,7 @@ def test_images_are_the_same_to_1e_5(devices: list[Device]) -> None:
             assert np.abs(image - expected).max() <= 1e-5 * expected.max(), f"{name}, {device.description}"
 
 
+@pytest.mark.slow
 def test_nothing_depends_on_what_memory_held_before(devices: list[Device], monkeypatch: pytest.MonkeyPatch) -> None:
     make = cl.Buffer
     for device in devices:
@@ -193,6 +194,7 @@ class GivenLocalSizes(Programs):
         return run
 
 
+@pytest.mark.slow
 def test_no_kernel_waits_for_a_compiler_at_another_size(devices: list[Device], tmp_path: Path) -> None:
     """Left to choose, PoCL picks a different local size for nearly every global size and compiles each."""
     write_image(tmp_path / "map.pfm", MAPS["stiff"])

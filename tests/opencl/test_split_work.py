@@ -91,7 +91,7 @@ def lights() -> tuple[np.ndarray, np.ndarray]:
     return direction, flux
 
 
-@pytest.mark.parametrize("is_grey", [False, True])
+@pytest.mark.parametrize("is_grey", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("road", ["its own", "brute force", "gpu"])
 def test_half_a_million_lights_lose_no_digits(
     device: Device, gpu_shaped: Device, lights: tuple[np.ndarray, np.ndarray], road: str, is_grey: bool

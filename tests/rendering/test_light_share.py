@@ -84,6 +84,7 @@ def test_variances_are_those_of_a_sum_over_directions(distribution: Distribution
         np.testing.assert_allclose(result / result[0], expected / expected[0], rtol=tolerance)
 
 
+@pytest.mark.slow
 def test_images_have_these_variances(distribution: Distribution) -> None:
     truth = exact(distribution.device, distribution.envmap, R, pixels="areas")
     errors = []
@@ -101,7 +102,9 @@ def test_images_have_these_variances(distribution: Distribution) -> None:
 @pytest.mark.parametrize("sequence", SEQUENCES)
 @pytest.mark.parametrize("compensation", [False, True])
 @pytest.mark.parametrize("spp", [1, 3, 16])
-@pytest.mark.parametrize("share", [0.01, 7 / 8, 0.99])
+@pytest.mark.parametrize(
+    "share", [pytest.param(0.01, marks=pytest.mark.slow), 7 / 8, pytest.param(0.99, marks=pytest.mark.slow)]
+)
 def test_any_share_is_unbiased(
     distribution: Distribution, share: float, spp: int, compensation: bool, sequence: str
 ) -> None:

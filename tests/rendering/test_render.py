@@ -27,6 +27,7 @@ ALL = [
     *({"estimator": e, "within": "pixel"} for e in CENTRES),
 ]
 NAMES = [*ESTIMATORS, "compensated", *(f"{e}-within" for e in CENTRES)]
+SLOWER = [pytest.param(name, marks=pytest.mark.slow) for name in SEQUENCES if name != "independent"]
 
 
 def exact(radiance: np.ndarray, resolution: int = R, areas: bool = False) -> np.ndarray:
@@ -79,7 +80,7 @@ def z_scores(images: np.ndarray, expected: np.ndarray) -> np.ndarray:
     return error / (images.std(axis=0, ddof=1, dtype=np.float64) / np.sqrt(len(images)))[mask]
 
 
-@pytest.mark.parametrize("sequence", SEQUENCES)
+@pytest.mark.parametrize("sequence", ["independent", *SLOWER])
 @pytest.mark.parametrize("options", ALL, ids=NAMES)
 def test_the_mean_over_seeds_meets_the_exact_image(
     small: Distribution, options: dict[str, object], sequence: str
@@ -107,7 +108,7 @@ def test_under_one_lamp_each_estimator_meets_its_own_exact_image_and_not_the_oth
     assert off.popitem()[1] > 0.04 * image.max()
 
 
-@pytest.mark.parametrize("sequence", SEQUENCES)
+@pytest.mark.parametrize("sequence", ["independent", *SLOWER])
 @pytest.mark.parametrize(
     ("shape", "lit", "noise", "apart"), [((8, 16), (2, 3), 0.006, 0.04), ((1, 1), (0, 0), 0.06, 1)]
 )
@@ -150,6 +151,7 @@ def test_the_sum_over_many_samples_meets_the_exact_image(small: Distribution, op
     assert reference.relative_rmse(image, expected) < (0.005 if options["estimator"] == "bsdf" else 0.001)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["light", "product"])
 def test_a_hard_map_is_unbiased_too(distribution: Distribution, target: np.ndarray, estimator: str) -> None:
     images = np.stack([one(distribution, 16, seed=seed, estimator=estimator) for seed in range(200)])

@@ -33,9 +33,10 @@ def cells(distribution: Distribution, count: int, sequence: str, seed: int, colu
 
 
 WHOLE = ((0, 1), (0, 1))
+SLOWER = [pytest.param(name, marks=pytest.mark.slow) for name in SEQUENCES if name != "independent"]
 
 
-@pytest.mark.parametrize("sequence", SEQUENCES)
+@pytest.mark.parametrize("sequence", ["independent", *SLOWER])
 def test_every_point_is_uniform_over_the_seeds(square: Distribution, sequence: str) -> None:
     pixel = np.array([square.sample(5, seed, sequence).pixel[[0, 4]] for seed in range(800)])
     # Where the first and last of five points may lie, across and down; stratified has strips of three and two.

@@ -18,7 +18,8 @@ from lightdome.opencl.device import Device
 from lightdome.sampling.distribution import Distribution, build_distribution
 from lightdome.sampling.samples import SEQUENCES, Samples
 
-SHAPES = [(1, 1), (1, 3), (3, 1), (8, 16), (16, 8), (21, 43), (512, 1024), (1, 2**15), (2**15, 1)]
+SHAPES = [(1, 1), (1, 3), (3, 1), (8, 16), (16, 8), (21, 43)]
+LARGE = [pytest.param(shape, marks=pytest.mark.slow) for shape in ((512, 1024), (1, 2**15), (2**15, 1))]
 
 
 def made(device: Device, height: int, width: int, seed: int = 1) -> Distribution:
@@ -41,7 +42,7 @@ def solid_shares(down: np.ndarray, height: int) -> np.ndarray:
     return (top - at) / (top - bottom)
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", [*SHAPES, *LARGE])
 @pytest.mark.parametrize("sequence", SEQUENCES)
 def test_directions_are_unit_vectors_strictly_in_their_pixels(
     device: Device, gpu_shaped: Device, shape: tuple[int, int], sequence: str

@@ -212,6 +212,7 @@ FRAME = {
 }
 
 
+@pytest.mark.slow
 def test_nothing_piles_up_for_a_client_that_does_not_read(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     computed, frame = [], server.engine.frame
     monkeypatch.setattr(server.engine, "frame", lambda *setting: computed.append(1) or frame(*setting))
