@@ -43,7 +43,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("check")
     radiance = np.minimum(stiff_radiance(16, 32), 20)
     write_image(made / "map.pfm", radiance)
-    image = render(radiance, 1024, 63)
+    image = render(radiance, 1024, 33)
     for suffix in ("pfm", "exr"):
         write_image(made / f"right.{suffix}", image)
     for suffix in ("png", "ppm"):
