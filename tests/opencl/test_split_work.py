@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from lightdome.lighting.shade import shade
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.maps.images import ImageRows, write_image
 from lightdome.opencl.device import Device
+from lightdome.opencl.programs import Programs
 from lightdome.rendering.per_pixel import ESTIMATORS, render
 from lightdome.rendering.per_pixel import SEQUENCES as RENDER_SEQUENCES
 from lightdome.sampling.distribution import build_distribution
@@ -75,6 +77,21 @@ def test_launches_of_few_samples_add_up(
         images.append(dict(render(distribution, [2, 40], R, seed=3, estimator=estimator, sequence=sequence)))
     for spp, image in images[0].items():
         np.testing.assert_allclose(images[1][spp], image, rtol=2e-6, atol=2e-7 * image.max())
+
+
+def test_groups_of_any_size_give_the_same(gpu_shaped: Device) -> None:
+    """A GPU's driver chooses groups itself; the other tests have it run single work-items."""
+    programs = Programs(gpu_shaped.context, FUSED=int(gpu_shaped.rates.is_fused))
+    envmap = EnvironmentMap(stiff_radiance(21, 43))
+    drawn, images = [], []
+    for device in (gpu_shaped, replace(gpu_shaped, programs=programs)):
+        distribution = build_distribution(device, envmap)
+        samples = distribution.sample(600, 6, "sobol")
+        drawn.append([samples.pixel, samples.probability, samples.direction, samples.radiance])
+        images += [image for _, image in render(distribution, [4], R, seed=3, estimator="product")]
+    for one, many in zip(*drawn, strict=True):
+        np.testing.assert_array_equal(many, one)
+    np.testing.assert_allclose(images[1], images[0], rtol=2e-6, atol=2e-7 * images[0].max())
 
 
 LIGHTS = 2**19
