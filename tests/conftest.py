@@ -8,6 +8,9 @@ import subprocess
 import sys
 from typing import TYPE_CHECKING
 
+# Before numpy is loaded: there is a test process for each core, and OpenBLAS's threads would wait for each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import pytest
 from helpers import GRACE, LONG, Script, command_line, in_gpu_shape, module_of, stiff_radiance
 from lightdome import console

@@ -155,7 +155,7 @@ def _shade(direction: np.ndarray, flux: np.ndarray, side: int, made: frozenset[s
     if "normals without root" in made:
         normal[:, 2] **= 2
     pixels = []
-    for part in np.array_split(normal, 1 + len(normal) // 2048):
+    for part in np.array_split(normal, 1 + len(normal) // 64):
         cosine = part @ direction.T
         if "absolute cosine" in made:
             cosine = np.abs(cosine)
