@@ -13,7 +13,8 @@ Sampling (2005). It extends the paper:
 - A region's width is measured where it is nearest to the equator, and so widest.
 
 Energy is summed in 64-bit integers: sums over regions are exact on every map, and every device makes the same cuts.
-Kernels: ``row_sums.cl``, ``column_sums.cl``, ``median_cut.cl``, ``span_sums.cl``.
+Kernels: ``row_sums.cl``, ``column_sums.cl``, ``median_cut.cl``, ``span_sums.cl`` or
+``tall_span_sums.cl``.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from .lights import Lights
 
 MAX_LIGHTS = 2**22
 UNCAPPED = 2**63 - 1
+TALL = 8  # rows of a region that tall_span_sums.cl sums side by side
 
 
 def median_cut(distribution: Distribution, count: int) -> Lights:
@@ -44,32 +46,40 @@ def median_cut(distribution: Distribution, count: int) -> Lights:
     device, of_map = distribution.device, distribution.map
     x0, y0, x1, y1 = regions(distribution, count).T
 
-    # One span for each row of each region.
+    # Sums over each row of each region, of several rows at once where regions are tall enough.
     rows = y1 - y0
     begin = np.cumsum(rows) - rows
-    y = np.arange(rows.sum()) - np.repeat(begin - y0, rows)
-    span = np.stack([y, np.repeat(x0, rows), np.repeat(x1, rows)], axis=1).astype(np.uint32)
-    sums = memory.empty(device, (len(span), 8), np.float32)
+    sum_count = int(rows.sum())
+    at_once = TALL if sum_count >= 2 * len(rows) and not device.is_gpu else 1
+    spans = -(-rows // at_once)
+    first = at_once * (np.arange(spans.sum()) - np.repeat(np.cumsum(spans) - spans, spans))
+    span = np.zeros((len(first) + 1, 4), np.uint32)
+    for column, of_region in enumerate((y0, x0, x1, begin)):
+        span[:-1, column] = np.repeat(of_region, spans)
+    span[:-1, 0] += first.astype(np.uint32)
+    span[:-1, 3] += first.astype(np.uint32)
+    span[-1, 3] = sum_count
+    sums = memory.empty(device, (5, sum_count), np.float32)
     device.launch(
-        "lighting/span_sums",
-        (len(span),),
+        "lighting/tall_span_sums" if at_once > 1 else "lighting/span_sums",
+        (len(first),),
         stage="span sums",
         radiance=of_map.radiance,
         phi=of_map.phi,
         width=of_map.width,
         scale=of_map.scale,
         span=memory.upload(device, span),
+        count=sum_count,
         sum=sums,
     )
 
     # The host applies the factors that are the same for a whole row, in float64.
-    light = memory.download(device, sums).astype(np.float64) * of_map.solid_angles[y, None]
-    theta = of_map.row_angles[y]
-    moment = np.stack(
-        [np.sin(theta) * light[:, 3], np.cos(theta) * light[:, :3].sum(axis=1), np.sin(theta) * light[:, 4]], axis=1
-    )
-    flux = np.add.reduceat(light[:, :3], begin)
-    moment = np.add.reduceat(moment, begin)
+    y = np.arange(sum_count) - np.repeat(begin - y0, rows)
+    red, green, blue, along_x, along_z = memory.download(device, sums) * of_map.solid_angles[y]
+    sine, cosine = np.sin(of_map.row_angles)[y], np.cos(of_map.row_angles)[y]
+    of_rows = np.stack([red, green, blue, sine * along_x, cosine * (red + green + blue), sine * along_z])
+    of_regions = np.add.reduceat(of_rows, begin, axis=1).T
+    flux, moment = of_regions[:, :3], of_regions[:, 3:]
     length = np.linalg.norm(moment, axis=1, keepdims=True)
     direction = np.where(length > 1e-6 * flux.sum(axis=1, keepdims=True), moment, (0, 1, 0))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)

@@ -79,6 +79,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "sequence.clh": ("test_sequences.py", "test_distribution.py", "test_split_work.py", "test_render.py"),
     "shade.cl": SPHERE,
     "strips.clh": ("test_strips.py", *DRAWS),
+    "tall_span_sums.cl": CUT,
     "within_pixel.clh": ("test_exact_operations.py", "test_within.py", "test_strips.py"),
     "shade_tiles.cl": SPHERE,
     "span_sums.cl": CUT,
@@ -748,6 +749,13 @@ FAULTS: list[Fault] = [
         "intensity * phi[x].y, intensity * phi[x].x",
         "intensity * phi[x].x, intensity * phi[x].y",
         "axes swapped",
+    ),
+    kernel(
+        "tall_span_sums: a row is summed twice",
+        "tall_span_sums.cl",
+        "row + (number < rows ? line : 0)",
+        "row + (number + 1 < rows ? line : 0)",
+        "off by one",
     ),
     kernel(
         "azimuth_sums: a remainder is left out",
