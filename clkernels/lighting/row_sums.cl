@@ -13,6 +13,7 @@
 // scale        a power of two that keeps the sum over the map inside float's range
 // quantum      two powers of two whose product is 2^k
 // cap          the most that a pixel counts for, an equal share of the energy (median_cut.py)
+// again        whether `row` holds the result of an earlier launch; rows with no pixel above the cap are then left alone
 // energy, lit  height x width integers of 64 and 32 bits
 // row          height x 4 integers of 64 bits
 //
@@ -36,11 +37,14 @@ kernel void row_sums(global const float *restrict radiance,
                      const float scale,
                      const float2 quantum,
                      const ulong cap,
+                     const uint again,
                      global ulong *restrict energy,
                      global uint *restrict lit,
                      global ulong *restrict row)
 {
     const size_t y = get_global_id(0);
+    if (again && row[4 * y + 3] <= cap)
+        return;
     const float sine = sin_theta[y];
     radiance += y * width * 3;
     energy += y * width;

@@ -17,6 +17,7 @@ kernel void row_sums_grouped(global const float *restrict radiance,
                              const float scale,
                              const float2 quantum,
                              const ulong cap,
+                             const uint again,
                              global ulong *restrict energy,
                              global uint *restrict lit,
                              global ulong *restrict row)
@@ -25,6 +26,8 @@ kernel void row_sums_grouped(global const float *restrict radiance,
     local uint lit_sums[GROUP];
     const uint i = get_local_id(0);
     const size_t y = get_global_id(0) / GROUP;
+    if (again && row[4 * y + 3] <= cap)
+        return;
     const float sine = sin_theta[y];
     radiance += y * width * 3;
     energy += y * width;

@@ -138,6 +138,7 @@ def _table(distribution: Distribution, count: int) -> tuple[DeviceArray, DeviceA
             scale=of_map.scale,
             quantum=quantum,
             cap=cap,
+            again=cap < UNCAPPED,
             energy=energy,
             lit=lit,
             row=row,
