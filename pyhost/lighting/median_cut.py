@@ -26,6 +26,7 @@ import numpy as np
 from .. import checks
 from ..errors import LightdomeError
 from ..opencl import memory
+from ..opencl.device import Device
 from ..opencl.memory import DeviceArray
 from ..sampling.distribution import Distribution
 from ..sampling.draw import BLACK
@@ -33,6 +34,8 @@ from .lights import Lights
 
 MAX_LIGHTS = 2**22
 UNCAPPED = 2**63 - 1
+ROWS_PER_BAND = 8
+LIGHTS_PER_BLOCK = 16
 TALL = 8  # rows of a region that tall_span_sums.cl sums side by side
 
 
@@ -100,13 +103,16 @@ def regions(distribution: Distribution, count: int) -> np.ndarray:
     if distribution.total == 0:
         raise LightdomeError(BLACK)
     device, of_map = distribution.device, distribution.map
-    table, lit, count = _table(distribution, count)
+    energy, lit, count = _tables(distribution, count)
     region = memory.empty(device, (count, 4), np.uint32)
+    block = 1 if device.is_gpu else LIGHTS_PER_BLOCK
+    defines = {"BLOCK": block, "BAND": _band(device)}
     device.launch(
         "lighting/median_cut",
-        (count,),
+        (-(-count // block),),
         stage="median cut",
-        energy=table,
+        defines=defines if lit else {"ALL_LIT": 1, **defines},
+        energy=energy,
         lit=lit,
         edge_sine=of_map.edge_sine,
         width=of_map.width,
@@ -117,59 +123,73 @@ def regions(distribution: Distribution, count: int) -> np.ndarray:
     return memory.download(device, region).astype(np.int64)
 
 
-def _table(distribution: Distribution, count: int) -> tuple[DeviceArray, DeviceArray, int]:
-    """Summed-area tables of capped energy and of lit pixels; and ``count``, at most the number of lit pixels."""
+def _band(device: Device) -> int:
+    """Rows that a work-item of ``row_sums.cl`` sums; on a GPU, each row has a group of work-items."""
+    return 1 if device.is_gpu else ROWS_PER_BAND
+
+
+def _tables(distribution: Distribution, count: int) -> tuple[DeviceArray, DeviceArray | None, int]:
+    """Summed-area tables of capped energy, and of lit pixels if not all are; and ``count``, at most the lit pixels."""
     device, of_map = distribution.device, distribution.map
     height, width = of_map.height, of_map.width
-    energy = memory.empty(device, (height, width), np.uint64)
-    lit = memory.empty(device, (height, width), np.uint32)
     row = memory.empty(device, (height, 4), np.uint64)
     exponent = 62 - math.frexp(distribution.total)[1]
     quantum = 2.0 ** (exponent // 2), 2.0 ** (exponent - exponent // 2)
+    band, columns = _band(device), 16
+    defines = {} if device.is_gpu else {"BAND": band}
 
-    def sum_rows(cap: int) -> tuple[int, int, int, int]:
+    def sum_rows(table: DeviceArray, cap: int, again: bool = False) -> tuple[int, int, int, int]:
         device.launch_rows(
             "lighting/row_sums",
-            height,
+            -(-height // band),
             stage="row sums",
+            defines=defines,
             radiance=of_map.radiance,
             sin_theta=of_map.sin_theta,
             width=width,
+            height=height,
             scale=of_map.scale,
             quantum=quantum,
             cap=cap,
-            again=cap < UNCAPPED,
-            energy=energy,
-            lit=lit,
+            again=again,
+            table=table,
             row=row,
         )
         *sums, largest = memory.download(device, row).T
         below, heavy, lit_pixels = (int(n.sum()) for n in sums)
         return below, heavy, lit_pixels, int(largest.max())
 
+    def sum_columns(table: DeviceArray) -> DeviceArray:
+        device.launch_rows(
+            "lighting/column_sums",
+            -(-width // columns),
+            stage="column sums",
+            defines={"COLUMNS": columns, **defines},
+            width=width,
+            height=height,
+            table=table,
+        )
+        return table
+
     # The cap is the share of each light: N cap = sum of min(q, cap). Newton's method, on this piecewise linear
     # function, reaches it from above in a few steps. Where no pixel is above the cap, the first table is the right one.
-    total, _, lit_pixels, largest = sum_rows(UNCAPPED)
+    energy = memory.empty(device, (height, width), np.uint64)
+    total, _, lit_pixels, largest = sum_rows(energy, UNCAPPED)
     count = min(count, lit_pixels)
     cap = total // count
     while largest > cap:
-        below, heavy, *_ = sum_rows(cap)
+        below, heavy, *_ = sum_rows(energy, cap, again=True)
         if heavy == 0 or heavy >= count:
             break
         lower = max(1, below // (count - heavy))
         if lower >= cap:
             break
         cap = lower
+    sum_columns(energy)
 
-    columns = 16
-    device.launch_rows(
-        "lighting/column_sums",
-        -(-width // columns),
-        stage="column sums",
-        defines={"COLUMNS": columns},
-        width=width,
-        height=height,
-        energy=energy,
-        lit=lit,
-    )
+    lit = None
+    if lit_pixels < height * width:
+        lit = memory.empty(device, (height, width), np.uint64)
+        sum_rows(lit, 1)
+        sum_columns(lit)
     return energy, lit, count
