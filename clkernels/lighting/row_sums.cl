@@ -20,15 +20,8 @@
 
 #include "common/prefix_sum.clh"
 
-// Inclusive prefix sum of 16 integers of type T in registers (Hillis and Steele 1986).
-#define SCAN_LANES(T, q)                \
-    do {                                \
-        const T##16 none_ = 0;          \
-        q += BEFORE_1(T, none_, q);     \
-        q += BEFORE_2(T, none_, q);     \
-        q += BEFORE_4(T, none_, q);     \
-        q += BEFORE_8(T, none_, q);     \
-    } while (0)
+// As in prefix_sum.clh, vstore16 becomes several stores.
+typedef ulong16 unaligned_ulong16 __attribute__((aligned(8)));
 
 kernel void row_sums(global const float *restrict radiance,
                      global const float *restrict sin_theta,
@@ -53,10 +46,8 @@ kernel void row_sums(global const float *restrict radiance,
         global const float *of_row = radiance + 3 * (size_t)y * width;
         global ulong *sums = table + (size_t)y * width;
         const float sine = sin_theta[y];
-        ulong heavy = 0, carry = 0;
-        uint lit = 0;
-        float largest = 0.0f;
-        ulong16 heavy16 = 0ul;
+        // Prefix sums by a sliding window, see weights_to_cdf_prefetching in prefix_sum.clh.
+        ulong16 before1 = 0ul, before2 = 0ul, before4 = 0ul, before8 = 0ul, sum16 = 0ul, heavy16 = 0ul;
         int16 lit16 = 0;
         float16 largest16 = 0.0f;
         for (uint x = 0; x < whole; x += LANES) {
@@ -65,30 +56,34 @@ kernel void row_sums(global const float *restrict radiance,
             lit16 -= light >= 1.0f;  // true is all bits set
             const ulong16 q = convert_ulong16(convert_long16(light));
             heavy16 -= as_ulong16(q > cap);
-            ulong16 sum = min(q, (ulong16)(cap));
-            SCAN_LANES(ulong, sum);
-            sum += carry;
-            carry = sum.sf;
-            if (y > first)
-                sum += vload16(0, sums - width + x);
-            vstore16(sum, 0, sums + x);
+            const ulong16 last1 = min(q, (ulong16)(cap));
+            const ulong16 last2 = last1 + BEFORE_1(ulong, before1, last1);
+            const ulong16 last4 = last2 + BEFORE_2(ulong, before2, last2);
+            const ulong16 last8 = last4 + BEFORE_4(ulong, before4, last4);
+            sum16 += last8 + BEFORE_8(ulong, before8, last8);
+            before1 = last1, before2 = last2, before4 = last4, before8 = last8;
+            const ulong16 of_band = y > first ? sum16 + vload16(0, sums - width + x) : sum16;
+            *(global unaligned_ulong16 *)(sums + x) = of_band;
         }
+
+        const ulong8 heavy8 = heavy16.lo + heavy16.hi;
+        const ulong4 heavy4 = heavy8.lo + heavy8.hi;
+        const int8 lit8 = lit16.lo + lit16.hi;
+        const int4 lit4 = lit8.lo + lit8.hi;
+        const float8 largest8 = fmax(largest16.lo, largest16.hi);
+        const float4 largest4 = fmax(largest8.lo, largest8.hi);
+        ulong heavy = heavy4.x + heavy4.y + heavy4.z + heavy4.w, sum = sum16.sf;
+        uint lit = lit4.x + lit4.y + lit4.z + lit4.w;
+        float largest = fmax(fmax(largest4.x, largest4.y), fmax(largest4.z, largest4.w));
         for (uint x = whole; x < width; ++x) {
             const float light = weight(of_row + 3 * (size_t)x, scale) * sine * quantum.x * quantum.y + 0.5f;
             largest = fmax(largest, light);
             const ulong q = (ulong)(long)light;
             lit += q != 0;
             heavy += q > cap;
-            carry += min(q, cap);
-            sums[x] = y > first ? carry + sums[(long)x - width] : carry;
+            sum += min(q, cap);
+            sums[x] = y > first ? sum + *(sums + x - width) : sum;
         }
-
-        SCAN_LANES(ulong, heavy16);
-        SCAN_LANES(int, lit16);
-        const float8 largest8 = fmax(largest16.lo, largest16.hi);
-        const float4 largest4 = fmax(largest8.lo, largest8.hi);
-        largest = fmax(largest, fmax(fmax(largest4.x, largest4.y), fmax(largest4.z, largest4.w)));
-        heavy += heavy16.sf;
-        vstore4((ulong4)(carry - heavy * cap, heavy, lit + lit16.sf, (ulong)(long)largest), y, row);
+        vstore4((ulong4)(sum - heavy * cap, heavy, lit, (ulong)(long)largest), y, row);
     }
 }

@@ -686,22 +686,22 @@ FAULTS: list[Fault] = [
     kernel(
         "row_sums: a pixel is lit from the cap on",
         "row_sums.cl",
-        "convert_int16(q != (ulong16)(0ul))",
-        "convert_int16(q > (ulong16)(255ul))",
+        "lit16 -= light >= 1.0f;",
+        "lit16 -= light >= 256.0f;",
         "dim pixels taken for black",
     ),
     kernel(
         "row_sums: dim pixels of the remainder are black",
         "row_sums.cl",
-        "lit_carry += q != 0;",
-        "lit_carry += q > 255;",
+        "lit += q != 0;",
+        "lit += q > 255;",
         "dim pixels taken for black",
     ),
     kernel(
         "row_sums: a remainder is not capped",
         "row_sums.cl",
-        "energy_carry += min(q, cap);",
-        "energy_carry += q;",
+        "sum += min(q, cap);",
+        "sum += q;",
         "a clamp dropped",
     ),
     kernel(
@@ -733,7 +733,7 @@ FAULTS: list[Fault] = [
         "right for powers of two",
     ),
     kernel(
-        "median_cut: more lights than lit pixels", "median_cut.cl", "min(lit_first, n - 1)", "n - 1", "a clamp dropped"
+        "median_cut: more lights than lit pixels", "median_cut.cl", "min(lit_before, n - 1)", "n - 1", "a clamp dropped"
     ),
     kernel(
         "median_cut: the farther edge",
@@ -741,6 +741,13 @@ FAULTS: list[Fault] = [
         "target - before_low <= before_high - target ? low : high",
         "target - before_low > before_high - target ? low : high",
         "a comparison turned",
+    ),
+    kernel(
+        "median_cut: the rows of a band are its own",
+        "median_cut.cl",
+        "if (0 < whole && whole < y)",
+        "if (false)",
+        "a part of a sum dropped",
     ),
     kernel("span_sums: the last pixel is left out", "span_sums.cl", "x < s.z; ++x", "x + 1 < s.z; ++x", "off by one"),
     kernel(
@@ -1783,8 +1790,8 @@ FAULTS: list[Fault] = [
     host(
         "median cut: uncapped",
         "median_cut.py",
-        "below, heavy, *_ = sum_rows(cap)",
-        "below, heavy, *_ = sum_rows(UNCAPPED)",
+        "below, heavy, *_ = sum_rows(energy, cap, again=True)",
+        "below, heavy, *_ = sum_rows(energy, UNCAPPED, again=True)",
         "a bright pixel takes all lights",
     ),
     host(
