@@ -8,6 +8,7 @@ convex, so visibility is 1 and no ray is traced. Kernels: ``shade_tiles.cl`` wit
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -28,6 +29,8 @@ TILE_ROWS = 16
 GPU_TILE = 8, 32  # pixels across and down that a group of work-items shares, see clkernels/lighting/shade_grouped.cl
 PAIRS_PER_LAUNCH = 2**33  # pixels x lights between two updates of the progress line
 SAMPLES_PER_ROW = 320  # samples per map row above which shading the summed map is faster
+
+_tiles = lru_cache(maxsize=2)(disc_tiles)  # the next image mostly has the same
 
 
 class HasLights(Protocol):
@@ -120,7 +123,7 @@ def _shade(
         kernel, defines = "lighting/shade_tiles", {"ROWS": rows, **defines}
         why = "lights far from a tile's horizon are one matrix, or light nothing there"
         device.decisions.skip("brute force over pairs of pixel and light", why)
-    tiles = disc_tiles(resolution, pixels, rows)
+    tiles = _tiles(resolution, pixels, rows)
     note_tiles(device.decisions, tiles, resolution, pixels, rows)
     device.launch_rows(
         kernel,
@@ -172,20 +175,26 @@ def _grouped(device: Device, light: np.ndarray, defines: dict[str, int]) -> dict
 
 def _places(direction: np.ndarray) -> np.ndarray:
     """Keys (N,) that sort directions (N, 3) along a curve through an octahedral map: neighbours stay together."""
-    flat = direction / np.abs(direction).sum(axis=1, keepdims=True)
-    x, y, up = flat[:, 0], flat[:, 2], flat[:, 1]
-    folded = up < 0
+    x, up, y = np.ascontiguousarray(direction.T)
+    length = np.abs(x) + np.abs(up) + np.abs(y)
+    x, y, folded = x / length, y / length, up < 0
     x, y = (
         np.where(folded, (1 - np.abs(y)) * np.copysign(1, x), x),
         np.where(folded, (1 - np.abs(x)) * np.copysign(1, y), y),
     )
-    key = np.zeros(len(direction), np.uint32)
-    for shift, axis in ((0, x), (1, y)):
-        bits = ((axis + 1) * 511.5).astype(np.uint32)
-        for step, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
-            bits = (bits | bits << np.uint32(step)) & np.uint32(mask)
-        key |= bits << np.uint32(shift)
-    return key
+    across, down = (_SPREAD[((axis + 1) * 511.5).astype(np.uint32)] for axis in (x, y))
+    return across | down << np.uint32(1)
+
+
+def _spread() -> np.ndarray:
+    """Numbers of 10 bits with a zero after each bit, (1024,) uint32."""
+    bits = np.arange(1024, dtype=np.uint32)
+    for step, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
+        bits = (bits | bits << np.uint32(step)) & np.uint32(mask)
+    return bits
+
+
+_SPREAD = _spread()
 
 
 def shade_samples(device: Device, samples: Samples, resolution: int = 511, albedo: float = 1.0) -> np.ndarray:
