@@ -35,7 +35,7 @@ from .lights import Lights
 MAX_LIGHTS = 2**22
 UNCAPPED = 2**63 - 1
 ROWS_PER_BAND = 8
-LIGHTS_PER_BLOCK = 16
+LIGHTS_PER_BLOCK = 32
 TALL = 8  # rows of a region that tall_span_sums.cl sums side by side
 
 
@@ -78,8 +78,8 @@ def median_cut(distribution: Distribution, count: int) -> Lights:
 
     # The host applies the factors that are the same for a whole row, in float64.
     y = np.arange(sum_count) - np.repeat(begin - y0, rows)
-    red, green, blue, along_x, along_z = memory.download(device, sums) * of_map.solid_angles[y]
-    sine, cosine = np.sin(of_map.row_angles)[y], np.cos(of_map.row_angles)[y]
+    solid_angle, sine, cosine = of_map.solid_angles[y], np.sin(of_map.row_angles)[y], np.cos(of_map.row_angles)[y]
+    red, green, blue, along_x, along_z = memory.download(device, sums) * solid_angle
     of_rows = np.stack([red, green, blue, sine * along_x, cosine * (red + green + blue), sine * along_z])
     of_regions = np.add.reduceat(of_rows, begin, axis=1).T
     flux, moment = of_regions[:, :3], of_regions[:, 3:]
@@ -155,9 +155,9 @@ def _tables(distribution: Distribution, count: int) -> tuple[DeviceArray, Device
             table=table,
             row=row,
         )
-        *sums, largest = memory.download(device, row).T
-        below, heavy, lit_pixels = (int(n.sum()) for n in sums)
-        return below, heavy, lit_pixels, int(largest.max())
+        of_rows = memory.download(device, row)
+        below, heavy, lit_pixels = of_rows[:, :3].sum(axis=0).tolist()
+        return below, heavy, lit_pixels, int(of_rows[:, 3].max())
 
     def sum_columns(table: DeviceArray) -> DeviceArray:
         device.launch_rows(
