@@ -81,7 +81,7 @@ def median_cut(distribution: Distribution, count: int) -> Lights:
     solid_angle, sine, cosine = of_map.solid_angles[y], np.sin(of_map.row_angles)[y], np.cos(of_map.row_angles)[y]
     red, green, blue, along_x, along_z = memory.download(device, sums) * solid_angle
     of_rows = np.stack([red, green, blue, sine * along_x, cosine * (red + green + blue), sine * along_z])
-    of_regions = np.add.reduceat(of_rows, begin, axis=1).T
+    of_regions = np.ascontiguousarray(np.add.reduceat(of_rows, begin, axis=1).T)
     flux, moment = of_regions[:, :3], of_regions[:, 3:]
     length = np.linalg.norm(moment, axis=1, keepdims=True)
     direction = np.where(length > 1e-6 * flux.sum(axis=1, keepdims=True), moment, (0, 1, 0))
