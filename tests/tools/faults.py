@@ -742,13 +742,6 @@ FAULTS: list[Fault] = [
         "target - before_low > before_high - target ? low : high",
         "a comparison turned",
     ),
-    kernel(
-        "median_cut: the rows of a band are its own",
-        "median_cut.cl",
-        "if (0 < whole && whole < y)",
-        "if (false)",
-        "a part of a sum dropped",
-    ),
     kernel("span_sums: the last pixel is left out", "span_sums.cl", "x < s.z; ++x", "x + 1 < s.z; ++x", "off by one"),
     kernel(
         "span_sums: sine for cosine",
