@@ -2,11 +2,13 @@
 //
 //     g(cell) = flux(cell) C(tile, cell)        total = sum over cells of g(cell)
 //
-// flux, cell_cones   from cells.cl, cells.y x cells.x; for C see product.clh
+// flux, cell_cones, cell_colours
+//                    from cells.cl, cells.y x cells.x; for C see product.clh
 // tile_cones         (axis, reach) of the normals of every tile that meets the disc
 // total              one float per tile; zeroed by the host, and stays 0 for a tile outside the disc
 // tile_row_cdf       a tile's cells.y x cells.x integers (prefix_sum.clh), over the cells of one row
 // tile_marginal_cdf  a tile's cells.y integers, over its rows of cells
+// tile_moments       CHANNELS vectors per tile: the sum of flux(cell) h m over the cells with c >= d (product.clh)
 //
 // One work-item per tile of tile_size x tile_size pixels.
 
@@ -39,13 +41,15 @@ static inline float4 bound_normals(int2 tile, int tile_size, int resolution)
 
 kernel void product_cdf(global const float *restrict flux,
                         global const float4 *restrict cell_cones,
+                        global const float4 *restrict cell_colours,
                         const uint2 cells,
                         const int tile_size,
                         const int resolution,
                         global float4 *restrict tile_cones,
                         global float *restrict total,
                         global uint *restrict tile_row_cdf,
-                        global uint *restrict tile_marginal_cdf)
+                        global uint *restrict tile_marginal_cdf,
+                        global float4 *restrict tile_moments)
 {
     const size_t index = get_global_id(1) * get_global_size(0) + get_global_id(0);
     const float4 tile_cone = bound_normals((int2)(get_global_id(0), get_global_id(1)), tile_size, resolution);
@@ -56,16 +60,23 @@ kernel void product_cdf(global const float *restrict flux,
     tile_marginal_cdf += index * cells.y;
 
     float sum = 0.0f;
+    cell_moments moments = {{0.0f}};
     for (uint j = 0; j < cells.y; ++j) {
         float row_sum = 0.0f;
+        cell_moments of_row = {{0.0f}};
         for (uint i = 0; i < cells.x; ++i) {
             const uint cell = j * cells.x + i;
             const float4 cell_cone = cell_cones[cell];
             const float c = plain_dot(tile_cone.xyz, cell_cone.xyz);
-            const float g = flux[cell] * cosine_guess(c, tile_cone.w + cell_cone.w);
+            const float d = tile_cone.w + cell_cone.w;
+            const float g = flux[cell] * cosine_guess(c, d);
             tile_row_cdf[cell] = as_uint(g);
             row_sum += g;
+            if (c >= d)
+                add_moment(&of_row, flux[cell], cell_cone, cell_colours, cell);
         }
+        for (uint k = 0; k < CHANNELS; ++k)
+            moments.channel[k] += of_row.channel[k];
         weights_to_cdf(tile_row_cdf + j * cells.x, cells.x, row_sum);
         tile_marginal_cdf[j] = as_uint(row_sum);
     }
@@ -73,4 +84,6 @@ kernel void product_cdf(global const float *restrict flux,
         sum += as_float(tile_marginal_cdf[j]);
     weights_to_cdf(tile_marginal_cdf, cells.y, sum);
     total[index] = sum;
+    for (uint k = 0; k < CHANNELS; ++k)
+        tile_moments[index * CHANNELS + k] = (float4)(moments.channel[k], 0.0f);
 }

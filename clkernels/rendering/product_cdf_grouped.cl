@@ -14,17 +14,20 @@
 __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 kernel void product_cdf_grouped(global const float *restrict flux,
                                 global const float4 *restrict cell_cones,
+                                global const float4 *restrict cell_colours,
                                 const uint2 cells,
                                 const int tile_size,
                                 const int resolution,
                                 global float4 *restrict tile_cones,
                                 global float *restrict total,
                                 global uint *restrict tile_row_cdf,
-                                global uint *restrict tile_marginal_cdf)
+                                global uint *restrict tile_marginal_cdf,
+                                global float4 *restrict tile_moments)
 {
     local float3 shared_axis;
     local float shared_reach;
     local float values[GROUP];
+    local float3 of_rows[CHANNELS][GROUP];
     const uint i = get_local_id(0), count = (resolution + tile_size - 1) / tile_size;
     const size_t index = get_global_id(0) / GROUP;
     const int2 first = (int2)(index % count, index / count) * tile_size;
@@ -70,8 +73,16 @@ kernel void product_cdf_grouped(global const float *restrict flux,
     barrier(CLK_GLOBAL_MEM_FENCE);
     if (i < cells.y) {
         float sum = 0.0f;
-        for (uint k = 0; k < cells.x; ++k)
-            sum += as_float(tile_row_cdf[i * cells.x + k]);
+        cell_moments of_row = {{0.0f}};
+        for (uint k = 0; k < cells.x; ++k) {
+            const uint cell = i * cells.x + k;
+            const float4 cell_cone = cell_cones[cell];
+            sum += as_float(tile_row_cdf[cell]);
+            if (plain_dot(axis, cell_cone.xyz) >= reach + cell_cone.w)
+                add_moment(&of_row, flux[cell], cell_cone, cell_colours, cell);
+        }
+        for (uint k = 0; k < CHANNELS; ++k)
+            of_rows[k][i] = of_row.channel[k];
         weights_to_cdf(tile_row_cdf + i * cells.x, cells.x, sum);
         tile_marginal_cdf[i] = as_uint(sum);
         values[i] = sum;
@@ -83,5 +94,11 @@ kernel void product_cdf_grouped(global const float *restrict flux,
             sum += values[j];
         weights_to_cdf(tile_marginal_cdf, cells.y, sum);
         total[index] = sum;
+    }
+    if (i < CHANNELS) {
+        float3 moment = 0.0f;
+        for (uint j = 0; j < cells.y; ++j)
+            moment += of_rows[i][j];
+        tile_moments[index * CHANNELS + i] = (float4)(moment, 0.0f);
     }
 }

@@ -38,6 +38,8 @@ class ProductCDFs:
     cell_row_cdf: DeviceArray  # (H, W) uint32
     cell_marginal_cdf: DeviceArray  # (cells across, H) uint32
     cell_cones: DeviceArray  # (cells down, cells across, 4) float32, mean direction and reach
+    cell_colours: DeviceArray  # as cell_cones: shares of R, G, B in a cell's flux, and 0; empty if the map is grey
+    tile_moments: DeviceArray  # (T, T, 3 or if the map is grey 1, 4) float32, means of control variates
 
     def lit(self, device: Device, disc: np.ndarray) -> np.ndarray:
         """The pixels (x, y) of ``disc`` whose tile sees light, sorted by tile, since those of a tile share its CDFs."""
@@ -63,9 +65,12 @@ def build_product_cdfs(distribution: Distribution, resolution: int, areas: bool 
     cell_marginal_cdf = memory.empty(device, (across, of_map.height), np.uint32)
     flux = memory.empty(device, (down, across), np.float32)
     cell_cones = memory.empty(device, (down, across, 4), np.float32)
+    cell_colours = memory.empty(device, (1 if of_map.is_grey else down, across, 4), np.float32)
+    defines = {"GREY": 1} if of_map.is_grey else {}
     device.launch_rows(
         "rendering/cells",
         (across, down),
+        defines=defines,
         radiance=of_map.radiance,
         theta=of_map.theta,
         phi=of_map.phi,
@@ -78,6 +83,7 @@ def build_product_cdfs(distribution: Distribution, resolution: int, areas: bool 
         cell_marginal_cdf=cell_marginal_cdf,
         flux=flux,
         cell_cones=cell_cones,
+        cell_colours=cell_colours,
     )
 
     tile_size = -(-resolution // TILES)
@@ -86,12 +92,15 @@ def build_product_cdfs(distribution: Distribution, resolution: int, areas: bool 
     tile_total = memory.zeros(device, (count, count), np.float32)
     tile_row_cdf = memory.empty(device, (count, count, down, across), np.uint32)
     tile_marginal_cdf = memory.empty(device, (count, count, down), np.uint32)
+    tile_moments = memory.empty(device, (count, count, 1 if of_map.is_grey else 3, 4), np.float32)
     device.launch_rows(
         "rendering/product_cdf",
         (count, count),
         stage="product cdf",
+        defines=defines,
         flux=flux,
         cell_cones=cell_cones,
+        cell_colours=cell_colours,
         cells=(across, down),
         tile_size=tile_size,
         resolution=resolution,
@@ -99,6 +108,7 @@ def build_product_cdfs(distribution: Distribution, resolution: int, areas: bool 
         total=tile_total,
         tile_row_cdf=tile_row_cdf,
         tile_marginal_cdf=tile_marginal_cdf,
+        tile_moments=tile_moments,
     )
     return ProductCDFs(
         tile_size=tile_size,
@@ -110,6 +120,8 @@ def build_product_cdfs(distribution: Distribution, resolution: int, areas: bool 
         cell_row_cdf=cell_row_cdf,
         cell_marginal_cdf=cell_marginal_cdf,
         cell_cones=cell_cones,
+        cell_colours=cell_colours,
+        tile_moments=tile_moments,
     )
 
 
