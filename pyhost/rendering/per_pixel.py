@@ -292,7 +292,7 @@ def _product_launch(
         tile_moments=cdfs.tile_moments,
         cell_cones=cdfs.cell_cones,
         cell_colours=cdfs.cell_colours,
-        cells=cdfs.cell_cones.shape[1::-1],
+        cells=cdfs.cells,
         cell_size=cdfs.cell_size,
         inverse_total=1 / distribution.total,
         **_of_map(distribution, device.programs.parameters(kernel)),

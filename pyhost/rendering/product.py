@@ -9,6 +9,7 @@ Jarosz, Akenine-Möller, Jensen, Wavelet Importance Sampling (2005).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,8 +22,10 @@ from ..opencl.memory import DeviceArray
 from ..sampling.device_map import DeviceMap
 from ..sampling.distribution import Distribution
 
-CELLS = (64, 32)  # most cells across and down the map
+CELLS = (128, 64)  # most cells across and down the map
 TILES = 32  # most tiles across and down the image
+ENTRIES = 2**22  # most tiles x cells, or building the tables would take longer than a few samples per pixel
+VECTOR = 16  # cells that a kernel reads at a time
 
 
 @dataclass(frozen=True)
@@ -34,12 +37,13 @@ class ProductCDFs:
     tile_marginal_cdf: DeviceArray  # (T, T, cells down) uint32
     tile_cones: DeviceArray  # (T, T, 4) float32, mean normal and reach
     tile_total: DeviceArray  # (T, T) float32
+    cells: tuple[int, int]  # across and down
     cell_size: tuple[int, int]  # pixels across and down
     cell_row_cdf: DeviceArray  # (H, W) uint32
     cell_marginal_cdf: DeviceArray  # (cells across, H) uint32
-    cell_cones: DeviceArray  # (cells down, cells across, 4) float32, mean direction and reach
-    cell_colours: DeviceArray  # as cell_cones: shares of R, G, B in a cell's flux, and 0; empty if the map is grey
-    tile_moments: DeviceArray  # (T, T, 3 or if the map is grey 1, 4) float32, means of control variates
+    cell_cones: DeviceArray  # for every cell, by rows, (mean direction, reach); float32, and zeros after the last
+    cell_colours: DeviceArray  # likewise, the channels' shares of its flux; unused if the map is grey
+    tile_moments: DeviceArray  # (T, T, 3, or 1 if the map is grey, 4) float32, means of control variates
 
     def lit(self, device: Device, disc: np.ndarray) -> np.ndarray:
         """The pixels (x, y) of ``disc`` whose tile sees light, sorted by tile, since those of a tile share its CDFs."""
@@ -63,9 +67,10 @@ def build_product_cdfs(distribution: Distribution, resolution: int, areas: bool 
     across, down = -(-of_map.width // cell_size[0]), -(-of_map.height // cell_size[1])
     cell_row_cdf = memory.empty(device, (of_map.height, of_map.width), np.uint32)
     cell_marginal_cdf = memory.empty(device, (across, of_map.height), np.uint32)
-    flux = memory.empty(device, (down, across), np.float32)
-    cell_cones = memory.empty(device, (down, across, 4), np.float32)
-    cell_colours = memory.empty(device, (1 if of_map.is_grey else down, across, 4), np.float32)
+    padded = down * across + VECTOR - 1
+    flux = memory.zeros(device, (padded,), np.float32)
+    cell_cones = memory.zeros(device, (padded, 4), np.float32)
+    cell_colours = memory.zeros(device, (1 if of_map.is_grey else padded, 4), np.float32)
     defines = {"GREY": 1} if of_map.is_grey else {}
     device.launch_rows(
         "rendering/cells",
@@ -86,7 +91,7 @@ def build_product_cdfs(distribution: Distribution, resolution: int, areas: bool 
         cell_colours=cell_colours,
     )
 
-    tile_size = -(-resolution // TILES)
+    tile_size = -(-resolution // min(TILES, math.isqrt(ENTRIES // (across * down))))
     count = -(-resolution // tile_size)
     tile_cones = memory.empty(device, (count, count, 4), np.float32)
     tile_total = memory.zeros(device, (count, count), np.float32)
@@ -116,6 +121,7 @@ def build_product_cdfs(distribution: Distribution, resolution: int, areas: bool 
         tile_marginal_cdf=tile_marginal_cdf,
         tile_cones=tile_cones,
         tile_total=tile_total,
+        cells=(across, down),
         cell_size=cell_size,
         cell_row_cdf=cell_row_cdf,
         cell_marginal_cdf=cell_marginal_cdf,
