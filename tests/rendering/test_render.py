@@ -16,6 +16,7 @@ from lightdome.maps.envmap import EnvironmentMap
 from lightdome.names import WITHIN
 from lightdome.opencl.device import Device
 from lightdome.rendering.per_pixel import ESTIMATORS, SEQUENCES, render
+from lightdome.rendering.product import ENTRIES, build_product_cdfs
 from lightdome.sampling.distribution import Distribution, build_distribution
 
 R = 24
@@ -520,3 +521,10 @@ def test_no_noise_of_the_product_comes_from_the_colours_of_cells(device: Device,
     mask = disc_mask(90)
     off = (images[:, mask] / expected[mask] - 1).mean(axis=(1, 2), dtype=np.float64)
     assert abs(off.mean()) < 4 * off.std(ddof=1) / np.sqrt(len(off))
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (64, 128), (65, 129)])
+def test_the_tables_of_the_product_are_bounded(device: Device, height: int, width: int) -> None:
+    distribution = build_distribution(device, EnvironmentMap(np.ones((height, width, 3))))
+    for resolution in (1, 32, 511):
+        assert np.prod(build_product_cdfs(distribution, resolution).tile_row_cdf.shape) <= ENTRIES
