@@ -52,8 +52,8 @@ def test_another_map_resolution_or_integral_is_another_image(counting: Device) -
     [
         ("lighting/arc_sums", "const float weight = row_weight[y];", "const float weight = 2.0f * row_weight[y];"),
         ("lighting/exact", "add_to_pixel(light_of(", "add_to_pixel(2.0f * light_of("),
-        ("lighting/exact_areas", "float3 rgb = light_of(", "float3 rgb = 2.0f * light_of("),
-        ("lighting/exact", "return (float3)(a, b, c2", "return (float3)(a, -b, c2"),
+        ("lighting/exact_areas", "add_to_pixel(light_of(", "add_to_pixel(2.0f * light_of("),
+        ("lighting/exact", "*y = b * inverse", "*y = -b * inverse"),
     ],
     ids=["of both", "of centres", "of areas", "a header"],
 )

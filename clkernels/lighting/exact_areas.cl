@@ -26,7 +26,6 @@
 #include "common/image_sum.clh"
 #include "common/angle.clh"
 #include "common/fma.clh"
-#include "common/normal.clh"
 #include "lighting/arc.clh"
 #include "lighting/sphere.clh"
 
@@ -83,12 +82,16 @@ kernel void exact_areas(global const stored_arc *restrict arcs,
                         global float *restrict sum)
 {
     const uint2 tile = own_tile(tiles);
-    if (WIDTH == 1 && pixel_normal(tile.x, tile.y, resolution).z <= 0.0f)
-        return;
     const size_t half_width = (width + 1) / 2, stride = half_width + width + 1;
     wide n_x, n_z;
     float n_y;
-    tile_normals(tile, 0, resolution, &n_x, &n_y, &n_z);
+    float normal_x[WIDTH], normal_z[WIDTH];
+    int inside[WIDTH];
+    STORE_WIDE(tile_normals(tile, 0, resolution, &n_x, &n_y, &n_z), inside);
+    if (WIDTH == 1 && inside[0] <= 0)
+        return;
+    STORE_WIDE(n_x, normal_x);
+    STORE_WIDE(n_z, normal_z);
     const wide centre = turns(n_z, n_x) * (float)width;  // the normals' azimuths in columns
 
     bounds += (size_t)tile.y * rows * 4;
@@ -150,12 +153,8 @@ kernel void exact_areas(global const stored_arc *restrict arcs,
         }
     }
 
-    for (int k = 0; k < WIDTH; ++k) {
-        const uint x = tile.x + k;
-        const float3 n = pixel_normal(x, tile.y, resolution);
-        if (x >= resolution || n.z <= 0.0f)
-            continue;
-        const float3 rgb = light_of(n, matrix[k] + whole) + cut[k];
-        add_to_pixel(rgb, (size_t)tile.y * resolution + x, resolution, sum);
-    }
+    for (int k = 0; k < WIDTH; ++k)
+        if (inside[k] > 0)
+            add_to_pixel(light_of((float3)(normal_x[k], n_y, normal_z[k]), matrix[k] + whole) + cut[k],
+                         (size_t)tile.y * resolution + tile.x + k, resolution, sum);
 }
