@@ -513,7 +513,7 @@ def test_no_noise_of_the_product_comes_from_the_colours_of_cells(device: Device,
     images = np.stack([one(distribution, 64, 90, seed=s, estimator="product", within=within) for s in range(64)])
     errors = [reference.relative_rmse(image, expected) for image in images]
     light = reference.relative_rmse(one(distribution, 64, 90, estimator="light", within=within), expected)
-    assert np.mean(errors) < 0.06 * light  # without the control variate it is 0.44 in colour, and 0.09 in grey
+    assert np.mean(errors) < 0.06 * light  # without the control variate it is 0.44 in colour, and 0.075 in grey
     # Weights of up to 4 are rare, so the mean of a pixel's 64 images is not yet normal, unlike the sum of all pixels.
     z = z_scores(images, expected)
     assert 0.9 < z.std() < 1.1
