@@ -1,25 +1,21 @@
-// Prefix sums down the columns, in place: they complete the summed-area tables (Crow 1984) that row_sums.cl begins.
+// Sums down the columns, in place: they complete the summed-area table (Crow 1984) that row_sums.cl begins.
 //
-//     energy(x, y) = sum over i <= x, j <= y of min(q(i, j), cap), see row_sums.cl
-//     lit(x, y)    = the number of these pixels that are lit
+//     table(x, y) = sum over i <= x, j <= y of min(q(i, j), cap), see row_sums.cl, for the last row y of each band
 //
-// energy, lit  height x width integers of 64 and 32 bits
+// A sum down to any other row is that to the last row of the band above, and the row's entry, which sums its own band.
+//
+// table  height x width integers of 64 bits
 //
 // One work-item per strip of COLUMNS columns.
 
-kernel void column_sums(const uint width, const uint height, global ulong *restrict energy, global uint *restrict lit)
+kernel void column_sums(const uint width, const uint height, global ulong *restrict table)
 {
     const uint first = get_global_id(0) * COLUMNS;
     const uint columns = min((uint)COLUMNS, width - first);
-    ulong energy_carry[COLUMNS] = {0};
-    uint lit_carry[COLUMNS] = {0};
-    for (uint y = 0; y < height; ++y) {
+    ulong carry[COLUMNS] = {0};
+    for (uint y = BAND - 1; y < height; y += BAND) {
         const size_t at = (size_t)y * width + first;
-        for (uint x = 0; x < columns; ++x) {
-            energy_carry[x] += energy[at + x];
-            energy[at + x] = energy_carry[x];
-            lit_carry[x] += lit[at + x];
-            lit[at + x] = lit_carry[x];
-        }
+        for (uint x = 0; x < columns; ++x)
+            table[at + x] = carry[x] += table[at + x];
     }
 }

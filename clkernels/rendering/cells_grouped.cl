@@ -7,6 +7,7 @@
 //
 // Arguments: cells.cl. One group of GROUP work-items per cell, from left to right, then from top to bottom.
 
+#include "common/channels.clh"
 #include "common/prefix_sum.clh"
 #include "rendering/product.clh"
 
@@ -22,31 +23,36 @@ kernel void cells_grouped(global const float *restrict radiance,
                           global uint *restrict cell_row_cdf,
                           global uint *restrict cell_marginal_cdf,
                           global float *restrict flux,
-                          global float4 *restrict cell_cones)
+                          global float4 *restrict cell_cones,
+                          global float4 *restrict cell_colours)
 {
     local float4 rows[GROUP];
+    local float3 colours[GROUP];
     const uint i = get_local_id(0), index = get_global_id(0) / GROUP, across = (width + size.x - 1) / size.x;
     const uint2 cell = (uint2)(index % across, index / across);
     const uint2 first = cell * size, last = min(first + size, (uint2)(width, height));
     cell_marginal_cdf += (size_t)cell.x * height;
 
     float total = 0.0f;
-    float3 axis = 0.0f;
+    float3 axis = 0.0f, colour = 0.0f;
     for (uint begin = first.y; begin < last.y; begin += GROUP) {
         const uint y = begin + i;
         if (y < last.y) {
             const size_t row = (size_t)y * width;
             float sum = 0.0f;
             float2 along = 0.0f;
+            float3 rgb = 0.0f;
             for (uint x = first.x; x < last.x; ++x) {
                 const float3 L = vload3(row + x, radiance) * scale;
                 const float f = L.x + L.y + L.z;
                 cell_row_cdf[row + x] = as_uint(f);
                 sum += f;
                 along += f * phi[x];
+                rgb += L;
             }
             weights_to_cdf(cell_row_cdf + row + first.x, last.x - first.x, sum);
             rows[i] = (float4)(sum, along, 0.0f);
+            colours[i] = rgb;
         }
         barrier(CLK_LOCAL_MEM_FENCE);
         if (i == 0)
@@ -56,6 +62,7 @@ kernel void cells_grouped(global const float *restrict radiance,
                 cell_marginal_cdf[begin + k] = as_uint(g);
                 total += g;
                 axis += t.x * (float3)(t.x * rows[k].z, t.y * rows[k].x, t.x * rows[k].y);
+                colour += t.x * colours[k];
             }
         barrier(CLK_LOCAL_MEM_FENCE);
     }
@@ -85,5 +92,8 @@ kernel void cells_grouped(global const float *restrict radiance,
             reach = fmax(reach, rows[k].x);
         flux[index] = total;
         cell_cones[index] = (float4)(axis, reach + 1e-6f);
+#ifndef GREY
+        cell_colours[index] = total > 0.0f ? (float4)(colour / total, 0.0f) : (float4)(0.0f);
+#endif
     }
 }

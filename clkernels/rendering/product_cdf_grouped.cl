@@ -14,17 +14,20 @@
 __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 kernel void product_cdf_grouped(global const float *restrict flux,
                                 global const float4 *restrict cell_cones,
+                                global const float4 *restrict cell_colours,
                                 const uint2 cells,
                                 const int tile_size,
                                 const int resolution,
                                 global float4 *restrict tile_cones,
                                 global float *restrict total,
                                 global uint *restrict tile_row_cdf,
-                                global uint *restrict tile_marginal_cdf)
+                                global uint *restrict tile_marginal_cdf,
+                                global float4 *restrict tile_moments)
 {
     local float3 shared_axis;
     local float shared_reach;
     local float values[GROUP];
+    local float4 shares[CHANNELS][GROUP];
     const uint i = get_local_id(0), count = (resolution + tile_size - 1) / tile_size;
     const size_t index = get_global_id(0) / GROUP;
     const int2 first = (int2)(index % count, index / count) * tile_size;
@@ -69,18 +72,37 @@ kernel void product_cdf_grouped(global const float *restrict flux,
     }
     barrier(CLK_GLOBAL_MEM_FENCE);
     if (i < cells.y) {
-        float sum = 0.0f;
-        for (uint k = 0; k < cells.x; ++k)
-            sum += as_float(tile_row_cdf[i * cells.x + k]);
-        weights_to_cdf(tile_row_cdf + i * cells.x, cells.x, sum);
+        global uint *row = tile_row_cdf + i * cells.x;
+        const float sum = sum_in_lanes(row, cells.x);
+        weights_to_cdf(row, cells.x, sum);
         tile_marginal_cdf[i] = as_uint(sum);
-        values[i] = sum;
     }
+    float4 moments[CHANNELS] = {0.0f};
+    for (uint cell = i; cell < cells.x * cells.y; cell += GROUP) {
+        const float4 m = cell_cones[cell];
+        const float c = plain_dot(axis, m.xyz), d = reach + m.w;
+        float a, b;
+        cosine_line(c, d, &a, &b);
+        const float4 moment = (float4)(a * m.xyz, b) * flux[cell];
+#ifdef GREY
+        moments[RED] += moment * (1.0f / 3.0f);
+#else
+        moments[RED] += moment * cell_colours[cell].x;
+        moments[GREEN] += moment * cell_colours[cell].y;
+        moments[BLUE] += moment * cell_colours[cell].z;
+#endif
+    }
+    for (uint k = 0; k < CHANNELS; ++k)
+        shares[k][i] = moments[k];
     barrier(CLK_LOCAL_MEM_FENCE | CLK_GLOBAL_MEM_FENCE);
+    if (i < CHANNELS) {
+        float4 sum = 0.0f;
+        for (uint k = 0; k < GROUP; ++k)
+            sum += shares[i][k];
+        tile_moments[index * CHANNELS + i] = sum;
+    }
     if (i == 0) {
-        float sum = 0.0f;
-        for (uint j = 0; j < cells.y; ++j)
-            sum += values[j];
+        const float sum = sum_in_lanes(tile_marginal_cdf, cells.y);
         weights_to_cdf(tile_marginal_cdf, cells.y, sum);
         total[index] = sum;
     }

@@ -19,7 +19,9 @@ kernel void render_product(global const uint *restrict tile_row_cdf,
                            const uint tiles_across,
                            global const uint *restrict cell_row_cdf,
                            global const uint *restrict cell_marginal_cdf,
+                           global const float4 *restrict tile_moments,
                            global const float4 *restrict cell_cones,
+                           global const float4 *restrict cell_colours,
                            const uint2 cells,
                            const uint2 cell_size,
                            global const float *restrict radiance,
@@ -38,7 +40,8 @@ kernel void render_product(global const uint *restrict tile_row_cdf,
                            global float *restrict sum)
 {
     const product_cdfs cdfs = {tile_row_cdf, tile_marginal_cdf, tile_cones, tile_total, tile_size, tiles_across,
-                               cell_row_cdf, cell_marginal_cdf, cell_cones, cells, cell_size, width, height};
+                               cell_row_cdf, cell_marginal_cdf, tile_moments, cell_cones, cell_colours, cells, cell_size,
+                               width, height};
     pixel_block block;
     block_tiles tiles;
     begin_block(&block, disc, pixel_count, begin, seed, resolution);
@@ -51,12 +54,10 @@ kernel void render_product(global const uint *restrict tile_row_cdf,
         float place_across[BLOCK], place_down[BLOCK];  // for render_product_areas.cl, unused here
         pick_in_cells(&cdfs, i, j, across, down, x, y, place_across, place_down);
 
-        // (L / S) (c / C)
+        // (L / S) (c / C) - q
         block_directions w;
-        float weight[BLOCK];
         block_centres(theta, phi, x, y, BLOCK, &w);
-        cosine_ratios(&cdfs, &tiles, i, j, &block.normal, &w, weight);
-        block_add_colours(&block.samples, radiance, width, scale, x, y, weight);
+        add_samples(&cdfs, &tiles, i, j, &w, radiance, scale, x, y, &block);
     }
-    end_product(&cdfs, &tiles, inverse_total, &block, pixel_count, resolution, sum);
+    end_product(&cdfs, &tiles, inverse_total, end - begin, &block, pixel_count, resolution, sum);
 }

@@ -148,8 +148,8 @@ class MapStages:
 
     def median_cut(self, N: int) -> Stage:
         """N lights by median cut."""
-        # The map twice, before and after the cuts, and tables of 12 bytes per pixel in between.
-        work = Work((12 + 24 + 12) * self.pixels, 17 * self.pixels, self.pixels, "pixels")
+        # The map twice, before and after the cuts, and a table of 8 bytes per pixel in between.
+        work = Work((12 + 8 + 12) * self.pixels, 17 * self.pixels, self.pixels, "pixels")
         return self._stage("median cut", lambda: median_cut(self.distribution, N), work, N=N)
 
     def images(self, resolution: int) -> Iterator[Stage]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -110,14 +111,26 @@ def full(device: Device, shape: int | tuple[int, ...], value: float, dtype: type
 
 def download(device: Device, array: DeviceArray) -> np.ndarray:
     """The values of ``array`` once all kernels launched so far have run; shared memory is not copied."""
-    device.programs.check_process()
-    if array.host is not None:
-        mapped, event = cl.enqueue_map_buffer(
-            device.queue, array.buffer, cl.map_flags.READ, 0, array.shape, array.dtype
-        )
-        device.profile.record("download", event)
-        device.profile.record("download", mapped.base.release(device.queue), array)
-        return array.host
-    result = np.empty(array.shape, array.dtype)
-    device.profile.record("download", cl.enqueue_copy(device.queue, result, array.buffer))
+    (result,) = download_all(device, [array])
     return result
+
+
+def download_all(device: Device, arrays: Sequence[DeviceArray]) -> list[np.ndarray]:
+    """:func:`download` several arrays, and wait only once."""
+    device.programs.check_process()
+    results, mapped = [], []
+    for array in arrays:
+        if array.host is None:
+            results.append(np.empty(array.shape, array.dtype))
+            done = cl.enqueue_copy(device.queue, results[-1], array.buffer, is_blocking=False)
+            device.profile.record("download", done, results[-1])
+        else:
+            results.append(array.host)
+            memory, done = cl.enqueue_map_buffer(
+                device.queue, array.buffer, cl.map_flags.READ, 0, array.shape, array.dtype, is_blocking=False
+            )
+            mapped.append((memory.base, array))
+    done.wait()
+    for memory, array in mapped:
+        device.profile.record("download", memory.release(device.queue), array)
+    return results

@@ -6,8 +6,9 @@ There are four estimators, all unbiased. One sample per pixel means:
 - ``bsdf``: a direction sampled by the cosine: good only if the light is much the same from everywhere
 - ``mis``: two directions for each sample. Of all of a pixel's directions, the light draws a share that suits the map,
   and the cosine the rest; they are weighted by the balance heuristic: never much worse than the better of the two
-- ``product``: a direction sampled by light times cosine, approximately: by far the least noise. Its tables take a few
-  milliseconds to build, and it is for diffuse surfaces only
+- ``product``: a direction sampled by light times cosine, approximately, less a control variate: by far the least noise.
+  Its tables take a few milliseconds to build, it is for diffuse surfaces only, and few samples may leave single pixels
+  slightly negative
 
 The error of N independent points falls as 1 / sqrt(N), that of Sobol points and lattices faster. ``light`` and
 ``product`` see the centres of the map's pixels, as the samples of part 2 do, and converge to :func:`lightdome.exact`.
@@ -289,8 +290,10 @@ def _product_launch(
         tiles_across=cdfs.tile_total.shape[1],
         cell_row_cdf=cdfs.cell_row_cdf,
         cell_marginal_cdf=cdfs.cell_marginal_cdf,
+        tile_moments=cdfs.tile_moments,
         cell_cones=cdfs.cell_cones,
-        cells=cdfs.cell_cones.shape[1::-1],
+        cell_colours=cdfs.cell_colours,
+        cells=cdfs.cells,
         cell_size=cdfs.cell_size,
         inverse_total=1 / distribution.total,
         **_of_map(distribution, device.programs.parameters(kernel)),

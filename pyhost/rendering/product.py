@@ -2,13 +2,16 @@
 
 The map is cut into cells and the image into tiles. A tile picks a cell by the cell's light times an estimate of the
 cosine between the tile's normals and the cell's directions. The cell then picks one of its pixels by the pixel's light.
-So hardly any direction is drawn below the horizon. Kernels: ``cells.cl``, ``product_cdf.cl``, ``render_product.cl``.
-Source: Cline, Egbert, Talbot, Cardon, Two Stage Importance Sampling for Direct Lighting (2006); Clarberg,
-Jarosz, Akenine-Möller, Jensen, Wavelet Importance Sampling (2005).
+So hardly any direction is drawn below the horizon. Most of the remaining noise is that of a sample in a cell with one
+colour and one direction, whose mean is known: it is subtracted. Kernels: ``cells.cl``, ``product_cdf.cl``,
+``render_product.cl``. Source: Cline, Egbert, Talbot, Cardon, Two Stage Importance Sampling for Direct Lighting (2006);
+Clarberg, Jarosz, Akenine-Möller, Jensen, Wavelet Importance Sampling (2005); Owen, Monte Carlo theory, methods and
+examples (2013), 8.9, on control variates.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,8 +24,10 @@ from ..opencl.memory import DeviceArray
 from ..sampling.device_map import DeviceMap
 from ..sampling.distribution import Distribution
 
-CELLS = (64, 32)  # most cells across and down the map
+CELLS = (128, 64)  # most cells across and down the map
 TILES = 32  # most tiles across and down the image
+ENTRIES = 2**22  # most tiles x cells, or building the tables would take longer than a few samples per pixel
+VECTOR = 16  # cells that a kernel reads at a time
 
 
 @dataclass(frozen=True)
@@ -34,10 +39,13 @@ class ProductCDFs:
     tile_marginal_cdf: DeviceArray  # (T, T, cells down) uint32
     tile_cones: DeviceArray  # (T, T, 4) float32, mean normal and reach
     tile_total: DeviceArray  # (T, T) float32
+    cells: tuple[int, int]  # across and down
     cell_size: tuple[int, int]  # pixels across and down
     cell_row_cdf: DeviceArray  # (H, W) uint32
     cell_marginal_cdf: DeviceArray  # (cells across, H) uint32
-    cell_cones: DeviceArray  # (cells down, cells across, 4) float32, mean direction and reach
+    cell_cones: DeviceArray  # for every cell, by rows, (mean direction, reach); float32, and zeros after the last
+    cell_colours: DeviceArray  # likewise, the channels' shares of its flux; unused if the map is grey
+    tile_moments: DeviceArray  # (T, T, 3, or 1 if the map is grey, 4) float32, means of control variates
 
     def lit(self, device: Device, disc: np.ndarray) -> np.ndarray:
         """The pixels (x, y) of ``disc`` whose tile sees light, sorted by tile, since those of a tile share its CDFs."""
@@ -61,11 +69,15 @@ def build_product_cdfs(distribution: Distribution, resolution: int, areas: bool 
     across, down = -(-of_map.width // cell_size[0]), -(-of_map.height // cell_size[1])
     cell_row_cdf = memory.empty(device, (of_map.height, of_map.width), np.uint32)
     cell_marginal_cdf = memory.empty(device, (across, of_map.height), np.uint32)
-    flux = memory.empty(device, (down, across), np.float32)
-    cell_cones = memory.empty(device, (down, across, 4), np.float32)
+    padded = down * across + VECTOR - 1
+    flux = memory.zeros(device, (padded,), np.float32)
+    cell_cones = memory.zeros(device, (padded, 4), np.float32)
+    cell_colours = memory.zeros(device, (1 if of_map.is_grey else padded, 4), np.float32)
+    defines = {"GREY": 1} if of_map.is_grey else {}
     device.launch_rows(
         "rendering/cells",
         (across, down),
+        defines=defines,
         radiance=of_map.radiance,
         theta=of_map.theta,
         phi=of_map.phi,
@@ -78,20 +90,24 @@ def build_product_cdfs(distribution: Distribution, resolution: int, areas: bool 
         cell_marginal_cdf=cell_marginal_cdf,
         flux=flux,
         cell_cones=cell_cones,
+        cell_colours=cell_colours,
     )
 
-    tile_size = -(-resolution // TILES)
+    tile_size = -(-resolution // min(TILES, math.isqrt(ENTRIES // (across * down))))
     count = -(-resolution // tile_size)
     tile_cones = memory.empty(device, (count, count, 4), np.float32)
     tile_total = memory.zeros(device, (count, count), np.float32)
     tile_row_cdf = memory.empty(device, (count, count, down, across), np.uint32)
     tile_marginal_cdf = memory.empty(device, (count, count, down), np.uint32)
+    tile_moments = memory.empty(device, (count, count, 1 if of_map.is_grey else 3, 4), np.float32)
     device.launch_rows(
         "rendering/product_cdf",
         (count, count),
         stage="product cdf",
+        defines=defines,
         flux=flux,
         cell_cones=cell_cones,
+        cell_colours=cell_colours,
         cells=(across, down),
         tile_size=tile_size,
         resolution=resolution,
@@ -99,6 +115,7 @@ def build_product_cdfs(distribution: Distribution, resolution: int, areas: bool 
         total=tile_total,
         tile_row_cdf=tile_row_cdf,
         tile_marginal_cdf=tile_marginal_cdf,
+        tile_moments=tile_moments,
     )
     return ProductCDFs(
         tile_size=tile_size,
@@ -106,10 +123,13 @@ def build_product_cdfs(distribution: Distribution, resolution: int, areas: bool 
         tile_marginal_cdf=tile_marginal_cdf,
         tile_cones=tile_cones,
         tile_total=tile_total,
+        cells=(across, down),
         cell_size=cell_size,
         cell_row_cdf=cell_row_cdf,
         cell_marginal_cdf=cell_marginal_cdf,
         cell_cones=cell_cones,
+        cell_colours=cell_colours,
+        tile_moments=tile_moments,
     )
 
 

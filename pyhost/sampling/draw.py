@@ -151,4 +151,4 @@ def drawn(
     """``outputs`` of the samples at ``points``, on the host."""
     arrays = room_for(of_map.device, points.count, outputs)
     draw(of_map, cdf, points, arrays, within)
-    return {name: memory.download(of_map.device, array) for name, array in arrays.items()}
+    return dict(zip(arrays, memory.download_all(of_map.device, list(arrays.values())), strict=True))

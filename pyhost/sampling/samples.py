@@ -8,6 +8,7 @@ import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, overload
 
@@ -26,6 +27,7 @@ MAX_SAMPLES = 2**27  # the most that a file may hold; 44 bytes each
 # it, but a zip bomb does not.
 MAX_INFLATION = 64
 MAX_SIDE = 2**20  # of a map
+_solid_angles = lru_cache(maxsize=2)(solid_angles)  # many sets of samples come from one map
 PER_SAMPLE = ("direction", "radiance", "probability", "pixel")  # arrays of samples
 
 
@@ -126,7 +128,7 @@ class Samples:
 
         Directions anywhere in a pixel have exactly this density; one at a centre stands for its pixel's solid angle.
         """
-        return self.probability.astype(np.float64) / solid_angles(*self.map_shape)[self.pixel[:, 1]]
+        return self.probability.astype(np.float64) / _solid_angles(*self.map_shape)[self.pixel[:, 1]]
 
     @property
     def flux(self) -> np.ndarray:

@@ -25,7 +25,8 @@ R = 99
 
 @pytest.fixture(scope="module")
 def distribution(device: Device) -> Distribution:
-    return build_distribution(device, EnvironmentMap(stiff_radiance(21, 43)))
+    # Several pixels in a cell of `product`, or it would have next to no noise.
+    return build_distribution(device, EnvironmentMap(stiff_radiance(70, 260)))
 
 
 def only(monkeypatch: pytest.MonkeyPatch, *chosen: Choice) -> None:

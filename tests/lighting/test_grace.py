@@ -98,7 +98,8 @@ def test_errors_of_fresh_samples(
     assert error(estimator="mis") == pytest.approx(0.104, rel=0.1)
     assert error(estimator="mis", sequence="sobol") < 0.052
     assert error(estimator="mis", sequence="sobol", mis_compensation=True) < 0.056
-    assert error(estimator="product", sequence="sobol") < 0.025
+    assert error(estimator="product") < 0.012  # without the control variate 0.06, and 0.02 with sobol
+    assert error(estimator="product", sequence="sobol") < 0.012
 
 
 def test_parts_3_and_4_line_up(device: Device, distribution: Distribution, target: np.ndarray) -> None:

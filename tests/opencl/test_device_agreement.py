@@ -121,20 +121,30 @@ def tables(distribution: Distribution) -> dict[str, np.ndarray]:
     is_lit = on_host["row_total"] > 0
     on_host["rows of the guide"] = memory.download(device, cdf.guide.rows)[is_lit]
     on_host["rows"], on_host["marginal CDF"] = (memory.download(device, a) for a in (cdf.rows, cdf.marginal))
-    for name in ("tile_row_cdf", "tile_marginal_cdf", "tile_cones"):
+    for name in ("tile_row_cdf", "tile_marginal_cdf", "tile_cones", "tile_moments"):
         on_host[name] = on_host[name][on_host["tile_total"] > 0]
     return on_host
 
 
-@pytest.mark.parametrize(("height", "width"), [(3, 5000), (300, 37), (70, 2049)])
-def test_tables_of_large_maps_are_the_same_to_the_last_bit(devices: list[Device], height: int, width: int) -> None:
+@pytest.mark.parametrize(
+    ("height", "width", "is_grey"), [(3, 5000, False), (300, 37, False), (70, 2049, False), (70, 300, True)]
+)
+def test_tables_of_large_maps_are_the_same_to_the_last_bit(
+    devices: list[Device], height: int, width: int, is_grey: bool
+) -> None:
     """On a GPU, work-items share a row; with this many pixels or rows, each takes several turns."""
     radiance = stiff_radiance(height, width)
     radiance[0] = 1
+    radiance = radiance[..., [0, 0, 0]] if is_grey else radiance
     expected: dict[str, np.ndarray] = {}
     for device in devices:
         distribution = build_distribution(device, EnvironmentMap(radiance))
-        for name, table in tables(distribution).items():
+        drawn_from = tables(distribution)
+        moments = drawn_from.pop("tile_moments")  # sums in another order on a GPU, which nothing is drawn by
+        first = expected.setdefault("tile_moments", moments)
+        largest = np.abs(first).max(axis=(1, 2), keepdims=True)
+        assert (np.abs(moments - first) <= 1e-5 * largest).all(), device.description
+        for name, table in drawn_from.items():
             np.testing.assert_array_equal(table, expected.setdefault(name, table), f"{name}, {device.description}")
         for count in (1, 100):
             cut = regions(distribution, count)
@@ -259,13 +269,13 @@ RECORDED_MEANS = {
     "mis independent": 3.285754e08,
     "mis sobol": 3.260741e08,
     "mis lattice": 3.265999e08,
-    "product independent": 3.264266e08,
-    "product sobol": 3.266535e08,
-    "product lattice": 3.267155e08,
+    "product independent": 3.266256e08,
+    "product sobol": 3.2662e08,
+    "product lattice": 3.26673e08,
     "light independent within pixels": 3.274564e08,
-    "product independent within pixels": 3.264418e08,
+    "product independent within pixels": 3.267894e08,
     "light sobol within pixels": 3.260563e08,
-    "product sobol within pixels": 3.265237e08,
+    "product sobol within pixels": 3.264014e08,
     "light lattice within pixels": 3.265142e08,
-    "product lattice within pixels": 3.268209e08,
+    "product lattice within pixels": 3.265866e08,
 }

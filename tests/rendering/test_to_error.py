@@ -30,7 +30,8 @@ MASK = disc_mask(R)
 
 @pytest.fixture(scope="module")
 def noise(device: Device) -> Distribution:
-    return build_distribution(device, EnvironmentMap(stiff_radiance(21, 43)))
+    # Several pixels in a cell of `product`, or it would have next to no noise.
+    return build_distribution(device, EnvironmentMap(stiff_radiance(70, 260)))
 
 
 @pytest.fixture(scope="module")

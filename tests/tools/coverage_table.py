@@ -69,7 +69,7 @@ def coverage(
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=200, metavar="N", help="runs of each cell (default: 200)")
-    parser.add_argument("--resolution", type=int, default=63, metavar="R", help="of the images (default: 63)")
+    parser.add_argument("--resolution", type=int, default=127, metavar="R", help="of the images (default: 127)")
     parser.add_argument(
         "--spp", type=int, default=8, metavar="N", help="of each of the four images (default: 8; 256 for bsdf)"
     )
