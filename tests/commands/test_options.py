@@ -829,7 +829,7 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
         assert "the samples have missed light of the map\nerror: unknown" in ran.said
     patch.setattr(to_error, "render_to_error", record)
     for text, seconds in (("10", 10), ("2.5s", 2.5), ("500ms", 0.5), ("0.1ms", 1e-4)):
-        ran = until(world, "--error", "0.001%" if text == "0.1ms" else "50%", "--time", text)
+        ran = until(world, "--error", "0.001%" if text == "0.1ms" else "50%", "--time", text, "--estimator", "light")
         assert asked.pop() == pytest.approx(seconds)
     assert ran.json()["reached"]["reason"] == "time"
     assert (ran.json()["reached"]["relative_rmse"], ran.json()["reached"]["interval"]) == (None, [0, None])
