@@ -91,7 +91,8 @@ ESTIMATORS = {
     "bsdf": Estimator("areas", (0, _BSDF)),
     # A place in the pixel, its sine and cosine; the weight.
     "mis": Estimator("areas", (_LIGHT + 12 + 7, _BSDF + 7)),
-    "product": Estimator("centres", (_LIGHT, 0)),
+    # The cosine of the axes (5) and its guess (5); the control variate: a cosine (5), a line (9), three colours (6).
+    "product": Estimator("centres", (_LIGHT + 30, 0)),
 }
 
 

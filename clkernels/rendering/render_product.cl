@@ -3,9 +3,10 @@
 // With an estimate C of the cosine (product.clh), the image is, up to a factor (product_block.clh), the mean over
 // samples of
 //
-//     (L / S) (c / C)
+//     (L / S) (c / C) - q + the mean of q
 //
-// Directions are centres of the map's pixels, so this converges to the sum over centres (exact.cl).
+// where q is a control variate. Directions are centres of the map's pixels, so this converges to the sum over centres
+// (exact.cl).
 //
 // Arguments: product_block.clh. One work-item per BLOCK pixels.
 
@@ -45,7 +46,7 @@ kernel void render_product(global const uint *restrict tile_row_cdf,
     pixel_block block;
     block_tiles tiles;
     begin_block(&block, disc, pixel_count, begin, seed, resolution);
-    begin_tiles(&cdfs, block.index, resolution, &tiles);
+    begin_tiles(&cdfs, &block, resolution, &tiles);
     for (uint s = begin; s < end; ++s) {
         // A cell (i, j), and a pixel (x, y) of the map in it
         uint across[BLOCK], down[BLOCK], i[BLOCK], j[BLOCK], x[BLOCK], y[BLOCK];
@@ -54,10 +55,10 @@ kernel void render_product(global const uint *restrict tile_row_cdf,
         float place_across[BLOCK], place_down[BLOCK];  // for render_product_areas.cl, unused here
         pick_in_cells(&cdfs, i, j, across, down, x, y, place_across, place_down);
 
-        // (L / S) (c / C) - q
+        // (L / S) (c / C) - q + the mean of q
         block_directions w;
         block_centres(theta, phi, x, y, BLOCK, &w);
         add_samples(&cdfs, &tiles, i, j, &w, radiance, scale, x, y, &block);
     }
-    end_product(&cdfs, &tiles, inverse_total, end - begin, &block, pixel_count, resolution, sum);
+    end_product(&tiles, inverse_total, &block, pixel_count, resolution, sum);
 }

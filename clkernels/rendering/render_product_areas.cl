@@ -2,7 +2,7 @@
 //
 // As in render_product.cl, the image is, up to a factor, the mean over samples of
 //
-//     (L / S) (c / C)
+//     (L / S) (c / C) - q + the mean of q
 //
 // but directions are uniform over the solid angle of the map's pixels, so this converges to the integral over areas
 // (exact_areas.cl). The cells' cones hold whole pixels (cells.cl).
@@ -46,7 +46,7 @@ kernel void render_product_areas(global const uint *restrict tile_row_cdf,
     pixel_block block;
     block_tiles tiles;
     begin_block(&block, disc, pixel_count, begin, seed, resolution);
-    begin_tiles(&cdfs, block.index, resolution, &tiles);
+    begin_tiles(&cdfs, &block, resolution, &tiles);
     for (uint s = begin; s < end; ++s) {
         // A cell (i, j), and a pixel (x, y) of the map in it
         uint across[BLOCK], down[BLOCK], i[BLOCK], j[BLOCK], x[BLOCK], y[BLOCK];
@@ -55,10 +55,10 @@ kernel void render_product_areas(global const uint *restrict tile_row_cdf,
         float place_across[BLOCK], place_down[BLOCK];
         pick_in_cells(&cdfs, i, j, across, down, x, y, place_across, place_down);
 
-        // (L / S) (c / C) - q
+        // (L / S) (c / C) - q + the mean of q
         block_directions w;
         float_directions(edge, width, x, y, place_across, place_down, &w);
         add_samples(&cdfs, &tiles, i, j, &w, radiance, scale, x, y, &block);
     }
-    end_product(&cdfs, &tiles, inverse_total, end - begin, &block, pixel_count, resolution, sum);
+    end_product(&tiles, inverse_total, &block, pixel_count, resolution, sum);
 }

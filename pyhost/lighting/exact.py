@@ -24,7 +24,7 @@ from .horizon import LEAST_SHAPE, area_moments, horizon_tables
 
 # The image is summed over bands of map rows: at most 64 rows in single precision, and the bands' sums in double words.
 ARCS_ROWS = 64  # most in a band, except for centres on a GPU
-ARCS_BYTES = 2**24  # most for a band's prefix sums: less than a third-level cache
+ARCS_BYTES = 2**24  # most for a band's prefix sums: less than most third-level caches
 GPU_ARCS_BYTES = 2**26  # the same on a GPU
 GPU_PATCH = 16, 16  # pixels of a group, see clkernels/lighting/sphere.clh
 # Part of the key of kept images: change it when the camera or a map's orientation changes.

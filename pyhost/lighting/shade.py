@@ -30,7 +30,7 @@ GPU_TILE = 8, 32  # pixels across and down that a group of work-items shares, se
 PAIRS_PER_LAUNCH = 2**33  # pixels x lights between two updates of the progress line
 SAMPLES_PER_ROW = 320  # samples per map row above which shading the summed map is faster
 
-_tiles = lru_cache(maxsize=2)(disc_tiles)  # the next image mostly has the same
+_tiles = lru_cache(maxsize=1)(disc_tiles)  # the next image mostly has the same
 
 
 class HasLights(Protocol):

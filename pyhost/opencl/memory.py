@@ -116,7 +116,7 @@ def download(device: Device, array: DeviceArray) -> np.ndarray:
 
 
 def download_all(device: Device, arrays: Sequence[DeviceArray]) -> list[np.ndarray]:
-    """:func:`download` several arrays, and wait only once."""
+    """:func:`download` one or more arrays, and wait only once."""
     device.programs.check_process()
     results, mapped = [], []
     for array in arrays:

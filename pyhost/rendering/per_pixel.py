@@ -6,9 +6,9 @@ There are four estimators, all unbiased. One sample per pixel means:
 - ``bsdf``: a direction sampled by the cosine: good only if the light is much the same from everywhere
 - ``mis``: two directions for each sample. Of all of a pixel's directions, the light draws a share that suits the map,
   and the cosine the rest; they are weighted by the balance heuristic: never much worse than the better of the two
-- ``product``: a direction sampled by light times cosine, approximately, less a control variate: by far the least noise.
-  Its tables take a few milliseconds to build, it is for diffuse surfaces only, and few samples may leave single pixels
-  slightly negative
+- ``product``: a direction sampled by light times cosine, approximately, with a control variate: by far the least noise.
+  Its tables take a few milliseconds to build, and it is for diffuse surfaces only. Pixels with few samples, or that no
+  light reaches, may be slightly negative
 
 The error of N independent points falls as 1 / sqrt(N), that of Sobol points and lattices faster. ``light`` and
 ``product`` see the centres of the map's pixels, as the samples of part 2 do, and converge to :func:`lightdome.exact`.

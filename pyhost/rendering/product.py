@@ -2,11 +2,11 @@
 
 The map is cut into cells and the image into tiles. A tile picks a cell by the cell's light times an estimate of the
 cosine between the tile's normals and the cell's directions. The cell then picks one of its pixels by the pixel's light.
-So hardly any direction is drawn below the horizon. Most of the remaining noise is that of a sample in a cell with one
-colour and one direction, whose mean is known: it is subtracted. Kernels: ``cells.cl``, ``product_cdf.cl``,
-``render_product.cl``. Source: Cline, Egbert, Talbot, Cardon, Two Stage Importance Sampling for Direct Lighting (2006);
-Clarberg, Jarosz, Akenine-Möller, Jensen, Wavelet Importance Sampling (2005); Owen, Monte Carlo theory, methods and
-examples (2013), 8.9, on control variates.
+So hardly any direction is drawn below the horizon. From each sample, a control variate is subtracted: the same sample
+if its cell had one colour and one direction. The known mean of that is added back. Kernels: ``cells.cl``,
+``product_cdf.cl``, ``render_product.cl``. Source: Cline, Egbert, Talbot, Cardon, Two Stage Importance Sampling for
+Direct Lighting (2006); Clarberg, Jarosz, Akenine-Möller, Jensen, Wavelet Importance Sampling (2005); Owen, Monte Carlo
+theory, methods and examples (2013), 8.9, on control variates.
 """
 
 from __future__ import annotations

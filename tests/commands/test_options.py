@@ -1135,6 +1135,7 @@ def _(world: World, patch: pytest.MonkeyPatch) -> None:
 
 # Those that render until an error or a time, or measure.
 SLOW = {("part4_pbrt", "--error"), ("part4_pbrt", "--time"), ("part4_pbrt", "--auto"), ("bench", "--explain")}
+assert set(CASES) >= SLOW
 
 
 @pytest.mark.parametrize(

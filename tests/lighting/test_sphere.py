@@ -112,11 +112,11 @@ def test_the_exact_image_meets_the_float64_sum(device: Device) -> None:
     np.testing.assert_allclose(image[mask], expected, rtol=2e-6)
 
 
-LONG = pytest.param((5, 600), marks=pytest.mark.slow)
+WIDE = pytest.param((5, 600), marks=pytest.mark.slow)
 
 
 @pytest.mark.parametrize("resolution", [1, 2, 17, 40])
-@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (2, 2), (3, 5), (9, 20), (21, 43), LONG])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (2, 2), (3, 5), (9, 20), (21, 43), WIDE])
 def test_the_exact_image_of_areas_meets_quadrature(device: Device, shape: tuple[int, int], resolution: int) -> None:
     radiance = np.exp(np.random.default_rng(3).normal(0, 2, (*shape, 3))).astype(np.float32)
     image = exact(device, EnvironmentMap(radiance), resolution, 0.8, pixels="areas")

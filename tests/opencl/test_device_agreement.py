@@ -149,6 +149,9 @@ def test_tables_of_large_maps_are_the_same_to_the_last_bit(
         for count in (1, 100):
             cut = regions(distribution, count)
             np.testing.assert_array_equal(cut, expected.setdefault(f"{count} regions", cut), device.description)
+            of_device = median_cut(distribution, count)  # tall_span_sums.cl on a CPU, span_sums.cl on a GPU
+            lights = expected.setdefault(f"{count} lights", of_device.flux)
+            np.testing.assert_array_equal(of_device.flux, lights, device.description)
 
 
 def test_images_are_the_same_to_1e_5(devices: list[Device]) -> None:

@@ -99,6 +99,8 @@ def open_page(server: Server, context: playwright.BrowserContext, errors: list[s
         return page
 
     yield opened
+    for page in context.pages:
+        page.evaluate("0")  # an error on its way arrives first
     said = errors.copy()
     for page in context.pages[1:]:
         page.close()
