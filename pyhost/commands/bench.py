@@ -118,7 +118,7 @@ def run(args: argparse.Namespace) -> None:
     made_with = settings(device, envmap, vars(args)) | {"peers": found.about, "absent": found.absent}
     benchmark.write_method_csv(out / "bench.csv", points)
     benchmark.write_method_json(out / "bench.json", points, made_with)
-    title = f"{args.map.name}, {args.resolution} x {args.resolution}, {device.handle.name.strip()}"
+    title = f"{args.map.name}, {args.resolution} x {args.resolution}, {device.hardware}"
     save_figure(benchmark_plot.error_against_time(points, title), out / "error_time.png")
     save_figure(benchmark_plot.error_against_time_all(points, title), out / "error_time_all.png")
     save_figure(benchmark_plot.error_against_count(points, title), out / "error_count.png")

@@ -77,7 +77,7 @@ def run(
     made_with["exponents"] = roofline.exponents(points)
     roofline.write_stage_csv(out / "roofline.csv", points)
     roofline.write_stage_json(out / "roofline.json", points, made_with)
-    title = device.handle.name.strip()
+    title = device.hardware
     save_figure(roofline_plot.roofline(points, limits, title), out / "roofline.png")
     save_figure(roofline_plot.scaling(points, title), out / "roofline_scaling.png")
 

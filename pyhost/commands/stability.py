@@ -71,7 +71,7 @@ def run(args: argparse.Namespace, cases: Sequence[Case] | None = None, draws: in
     stability.write_stability_csv(out / "stability.csv", results)
     stability.write_stability_json(out / "stability.json", results, made_with)
     save_figure(
-        stability_plot.table(results, f"Stability, {draws:,} draws per case, {device.handle.name.strip()}"),
+        stability_plot.table(results, f"Stability, {draws:,} draws per case, {device.hardware}"),
         out / "stability.png",
     )
     print(f"\nwrote {out}/stability.csv, stability.json, stability.png")

@@ -12,6 +12,7 @@ import contextlib
 import importlib.metadata
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -66,6 +67,11 @@ class Device:
     def description(self) -> str:
         """The names of the device and of its OpenCL implementation, for display."""
         return _description(self.handle)
+
+    @property
+    def hardware(self) -> str:
+        """The processor's or graphics card's name: the device's name without PoCL's driver and LLVM's name for it."""
+        return re.sub(r"^(?:cpu|pthread|basic)-(?:[a-z0-9_.]+-)*(?=[A-Z0-9])", "", self.handle.name.strip())
 
     @property
     def note(self) -> str | None:
@@ -202,7 +208,7 @@ _first_process: list[int] = []
 def _candidates() -> list[_Candidate]:
     check_process(*_first_process or [os.getpid()])
     _first_process[:] = [os.getpid()]
-    result = []
+    result: list[_Candidate] = []
     with Unheard():  # PoCL starts threads here, and aborts if a linker that they run is interrupted
         try:
             platforms = cl.get_platforms()
@@ -210,7 +216,9 @@ def _candidates() -> list[_Candidate]:
             return []
         for p, platform in enumerate(platforms):
             with contextlib.suppress(cl.Error):
-                result += [_Candidate(p, d, handle) for d, handle in enumerate(platform.get_devices())]
+                for d, handle in enumerate(platform.get_devices()):
+                    if all(handle != other.handle for other in result):  # else the loader found it twice
+                        result.append(_Candidate(p, d, handle))
     return result
 
 

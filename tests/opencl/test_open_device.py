@@ -22,7 +22,7 @@ from lightdome.errors import LightdomeError
 from lightdome.lighting.shade import shade_samples
 from lightdome.maps.envmap import EnvironmentMap
 from lightdome.opencl import memory, probe
-from lightdome.opencl.device import Device, open_device
+from lightdome.opencl.device import Device, open_device, survey
 from lightdome.opencl.programs import Programs, source
 from lightdome.opencl.rates import Rates
 from lightdome.rendering.per_pixel import ESTIMATORS, render
@@ -83,6 +83,28 @@ def test_pyopencl_ctx_is_obeyed_and_the_argument_comes_first(device: Device, mon
     index = cl.get_platforms().index(device.handle.platform)
     monkeypatch.setenv("PYOPENCL_CTX", str(index))
     assert open_device().handle == device.handle
+
+
+@pytest.mark.parametrize(
+    ("name", "hardware"),
+    [
+        ("pthread-skylake-avx512-AMD EPYC", "AMD EPYC"),
+        ("pthread-AMD EPYC", "AMD EPYC"),
+        ("cpu-znver4-AMD Ryzen 9 7950X 16-Core Processor", "AMD Ryzen 9 7950X 16-Core Processor"),
+        ("cpu-broadwell-Intel(R) Xeon(R) CPU E5-2690 v4", "Intel(R) Xeon(R) CPU E5-2690 v4"),
+        ("cpu-cortex-a72-0xd08", "0xd08"),
+        ("NVIDIA H200 ", "NVIDIA H200"),
+    ],
+)
+def test_the_hardware_has_the_makers_name(device: Device, name: str, hardware: str) -> None:
+    assert replace(device, handle=SimpleNamespace(name=name)).hardware == hardware
+
+
+def test_an_implementation_that_the_loader_finds_twice_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    platforms = cl.get_platforms()
+    once = survey()
+    monkeypatch.setattr(cl, "get_platforms", lambda: platforms * 2)
+    assert [(found.choice, found.is_taken) for found in survey()] == [(found.choice, found.is_taken) for found in once]
 
 
 def test_an_unknown_device_is_named_with_what_there_is(device: Device) -> None:
