@@ -2,7 +2,7 @@
 //
 //     table(x, y) = sum over i <= x, j <= y of min(q(i, j), cap), see row_sums.cl, for the last row y of each band
 //
-// A sum down to any other row is that to the last row of the band above, and the row's entry, which sums its own band.
+// The sum down to any other row is the entry in the last row of the band above, plus the row's own entry.
 //
 // table  height x width integers of 64 bits
 //

@@ -28,8 +28,7 @@ static inline ulong sum_before(global const ulong *table, uint width, uint x, ui
     return sum;
 }
 
-// The sum over the columns of r before k (axis 0), and all rows before r.w without those before r.y; or the same with
-// rows and columns exchanged (axis 1).
+// The sum over all columns before k, in the rows of r (axis 0); or over all rows before k, in the columns of r (axis 1).
 static inline ulong sum_along(global const ulong *table, uint width, uint4 r, int axis, uint k)
 {
     if (axis == 0)

@@ -12,7 +12,8 @@
 // scale        a power of two that keeps the sum over the map inside float's range
 // quantum      two powers of two whose product is 2^k
 // cap          the most that a pixel counts for: an equal share of the energy (median_cut.py); 1 counts lit pixels
-// again        whether `table` and `row` are those of a larger cap; bands with no pixel above the new one then stay
+// again        whether `table` and `row` hold the sums for a larger cap; bands with no pixel above the new one are then
+//              left as they are
 // table        height x width integers of 64 bits
 // row          height x 4 integers of 64 bits
 //
@@ -20,7 +21,7 @@
 
 #include "common/prefix_sum.clh"
 
-// As in prefix_sum.clh, vstore16 becomes several stores.
+// Stores 16 numbers at once; vstore16 would become several stores (prefix_sum.clh).
 typedef ulong16 unaligned_ulong16 __attribute__((aligned(8)));
 
 kernel void row_sums(global const float *restrict radiance,

@@ -5,7 +5,7 @@
 // radiance  height x width x 3 floats
 // phi       (sin, cos) of every column
 // scale     a power of two that keeps sums inside float's range
-// span      for each span (y, begin, end, number of its first sum); one more entry has the number of all sums
+// span      for each span (y, begin, end, index of its first sum); a last entry holds the number of all sums
 // count     the number of all sums
 // sum       5 x count floats
 //

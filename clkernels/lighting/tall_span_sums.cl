@@ -3,7 +3,7 @@
 //     sum = sum over x in [begin, end) of scale (R, G, B, I cos(phi_x), I sin(phi_x)), I = R + G + B
 //
 // Arguments: span_sums.cl. One work-item per span. An addition of double words waits for the one before it, so the rows
-// are summed side by side; there are as many as `span` numbers sums up to the next span.
+// are summed side by side. A span has as many rows as there are sums from its first one to the next span's.
 
 #include "common/double_word.clh"
 
@@ -29,7 +29,7 @@ kernel void tall_span_sums(global const float *restrict radiance,
     const uint4 s = vload4(get_global_id(0), span);
     const uint rows = vload4(get_global_id(0) + 1, span).w - s.w;
     const size_t line = 3 * (size_t)width;
-    // Beyond the last row it is read again. With one pointer and an array of offsets, PoCL 3.1 takes twice as long.
+    // Pointers past the last row repeat it. With one pointer and an array of offsets, PoCL 3.1 takes twice as long.
     global const float *row0 = radiance + s.x * line, *row1 = BELOW(row0, 1), *row2 = BELOW(row1, 2),
                        *row3 = BELOW(row2, 3), *row4 = BELOW(row3, 4), *row5 = BELOW(row4, 5), *row6 = BELOW(row5, 6),
                        *row7 = BELOW(row6, 7);

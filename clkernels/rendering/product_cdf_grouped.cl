@@ -1,10 +1,10 @@
-// Coarse CDFs of light times cosine on a GPU, bit for bit those of product_cdf.cl, from which only the last bits of
-// tile_moments differ: nothing is drawn by them.
+// Coarse CDFs of light times cosine on a GPU, bit for bit those of product_cdf.cl. The last bits of tile_moments may
+// differ, which changes no sample.
 //
 //     g(cell) = flux(cell) C(tile, cell)        total = sum over cells of g(cell)
 //
 // Work-items share out the tile's normals, then the cells, then the rows of cells, of which there are at most GROUP.
-// Each other sum whose last bits depend on the order is left to a single work-item.
+// All other sums whose last bits depend on the order are left to a single work-item.
 //
 // Arguments: product_cdf.cl. One group of GROUP work-items per tile, from left to right, then from top to bottom.
 

@@ -285,7 +285,7 @@ def areas(device: Device, _: int) -> Iterator[Figures]:
 
 
 def estimators(maps: Maps, device: Device, _: int) -> Iterator[Figures]:
-    """Every estimator on hard maps: finite and, but for harmonics, not negative; `product` not much."""
+    """All methods on hard maps: finite, and not negative; `product` above -0.1 of the maximum, harmonics anywhere."""
     for radiance in maps():
         distribution = build_distribution(device, EnvironmentMap(radiance))
         cut = median_cut(distribution, 16)

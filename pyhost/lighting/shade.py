@@ -30,7 +30,7 @@ GPU_TILE = 8, 32  # pixels across and down that a group of work-items shares, se
 PAIRS_PER_LAUNCH = 2**33  # pixels x lights between two updates of the progress line
 SAMPLES_PER_ROW = 320  # samples per map row above which shading the summed map is faster
 
-_tiles = lru_cache(maxsize=1)(disc_tiles)  # the next image mostly has the same
+_tiles = lru_cache(maxsize=1)(disc_tiles)  # successive images usually share them
 
 
 class HasLights(Protocol):
@@ -153,8 +153,8 @@ def _padded(light: np.ndarray) -> np.ndarray:
 
 def _grouped(device: Device, light: np.ndarray, defines: dict[str, int]) -> dict[str, Any]:
     """Lights (6, N), grey ones (4, N), as ``shade_tiles.cl`` takes them: sorted, with groups' bounds and matrices."""
-    # The lower bits hold the light, so that no two numbers are equal and every version of numpy gives the same image.
-    # It sorts numbers several times as fast as it finds their order.
+    # The lower bits hold the light's index, so all keys differ, and every version of numpy gives the same order. numpy
+    # sorts keys several times as fast as it finds their order.
     order = np.sort(_places(light[:3]) << 32 | np.arange(light.shape[1], dtype=np.int64)) & 0xFFFFFFFF
     count = -(-len(order) // LANES) * LANES
     rows = np.zeros((len(light), count), np.float32)

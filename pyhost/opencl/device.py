@@ -70,7 +70,7 @@ class Device:
 
     @property
     def hardware(self) -> str:
-        """The processor's or graphics card's name: the device's name without PoCL's driver and LLVM's name for it."""
+        """The processor's or graphics card's name, without the prefix that PoCL adds: its driver and LLVM's target."""
         return re.sub(r"^(?:cpu|pthread|basic)-(?:[a-z0-9_.]+-)*(?=[A-Z0-9])", "", self.handle.name.strip())
 
     @property

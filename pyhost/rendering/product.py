@@ -45,7 +45,7 @@ class ProductCDFs:
     cell_marginal_cdf: DeviceArray  # (cells across, H) uint32
     cell_cones: DeviceArray  # for every cell, by rows, (mean direction, reach); float32, and zeros after the last
     cell_colours: DeviceArray  # likewise, the channels' shares of its flux; unused if the map is grey
-    tile_moments: DeviceArray  # (T, T, 3, or 1 if the map is grey, 4) float32, means of control variates
+    tile_moments: DeviceArray  # (T, T, 3, or 1 if the map is grey, 4) float32, sums for the means of control variates
 
     def lit(self, device: Device, disc: np.ndarray) -> np.ndarray:
         """The pixels (x, y) of ``disc`` whose tile sees light, sorted by tile, since those of a tile share its CDFs."""
