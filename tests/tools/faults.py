@@ -744,13 +744,6 @@ FAULTS: list[Fault] = [
         "a comparison turned",
     ),
     kernel(
-        "median_cut: a band stands alone",
-        "median_cut.cl",
-        "if (0 < whole && whole < y)",
-        "if (whole > y)",
-        "a part of a sum dropped",
-    ),
-    kernel(
         "median_cut: a region that waited has all the energy",
         "median_cut.cl",
         "waiting_total[waits++] = total - part;",
