@@ -24,7 +24,9 @@ kernel void row_sums_grouped(global const float *restrict radiance,
     local ulong sums[GROUP];
     const uint i = get_local_id(0);
     const size_t y = get_global_id(0) / GROUP;
-    if (again && row[4 * y + 3] <= cap)
+    const bool stays = again && row[4 * y + 3] <= cap;
+    barrier(CLK_GLOBAL_MEM_FENCE);  // all work-items have read `row` before one of them writes to it
+    if (stays)
         return;
     const float sine = sin_theta[y];
     radiance += y * width * 3;
