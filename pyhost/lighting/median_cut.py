@@ -129,7 +129,7 @@ def _band(device: Device) -> int:
 
 
 def _tables(distribution: Distribution, count: int) -> tuple[DeviceArray, DeviceArray | None, int]:
-    """Summed-area tables of capped energy and, unless all are lit, of lit pixels; and ``count``, at most their number."""
+    """Summed-area tables of capped energy and, unless all are lit, of lit pixels; and ``count``, at most these."""
     device, of_map = distribution.device, distribution.map
     height, width = of_map.height, of_map.width
     row = memory.empty(device, (height, 4), np.uint64)
